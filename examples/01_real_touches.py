@@ -43,14 +43,17 @@ def main(demo: Demo) -> None:
     skin = build_grid_skin(social.ROWS, social.COLUMNS, 0.004, calibrated=True)
     worn = eskin.MountedSkin(skin, eskin.load_robot("table"))
     calibration = Calibration.uniform(skin.count, social.FULL_SCALE, 40.0)
-    model, right, truths = eskin.load_model("ur5-sim"), Counter(), Counter()
+    model = eskin.load_model("ur5-sim")
+    right = Counter()
+    truths = Counter()
     for touch, truth in named:
         answer = recognise(eskin.Recognizer(model, worn, calibration), touch)
         print(f"  P{touch.person} {touch.gesture:27} {truth:10} taken for {answer}")
         right += Counter({truth: int(answer == truth)})
         truths[truth] += 1
     print("\nright:", ", ".join(f"{n} {right[n]} of {truths[n]}" for n in truths))
-    count, often = len(named), truths.most_common(1)[0]
+    count = len(named)
+    often = truths.most_common(1)[0]
     print(
         f"{right.total() / count:.0%} of {count} touches; {1 / len(truths):.0%} by "
         f"chance, {often[1] / count:.0%} by always {often[0]}, "
@@ -61,8 +64,10 @@ def main(demo: Demo) -> None:
 def recognise(recognizer: eskin.Recognizer, touch: social.Repetition) -> str:
     """Push every scan; return the last answer to the contact of largest impulse."""
     rows = np.pad(touch.counts, ((BEFORE, AFTER), (0, 0))).astype(np.int32)
-    received, names = np.ones(rows.shape[1], bool), recognizer.model.card.vocabulary
-    answers, impulses = {-1: "none"}, {-1: 0.0}
+    received = np.ones(rows.shape[1], bool)
+    names = recognizer.model.card.vocabulary
+    answers = {-1: "none"}
+    impulses = {-1: 0.0}
     for number, row in enumerate(rows, 1):
         recognizer.push(eskin.Scan(number * PERIOD, row, received, np.empty(0)))
         assert (state := recognizer.state) is not None
@@ -75,7 +80,8 @@ def recognise(recognizer: eskin.Recognizer, touch: social.Repetition) -> str:
 def count_nearest(named: list[tuple[social.Repetition, str]]) -> int:
     """Count touches that are nearest to the mean of their class of other people."""
     grid = np.indices((social.ROWS, social.COLUMNS)).reshape(2, -1).T
-    values, right = [], 0
+    values = []
+    right = 0
     for touch, _ in named:
         counts = touch.counts[touch.touched].astype(float)
         force = counts.sum(axis=1)

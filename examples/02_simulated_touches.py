@@ -30,7 +30,8 @@ def main(example: Example) -> None:
     # Without a pace, a simulation runs in real time.
     config = eskin.SourceConfig(pace=math.inf, seed=example.seed)
     with eskin.open_source("sim:ur5", config=config) as source:
-        skin, robot = source.info.skin, source.info.robot_name
+        skin = source.info.skin
+        robot = source.info.robot_name
         calibration = source.info.calibration
         recognizer = eskin.Recognizer.load("ur5", skin, robot, calibration)
         start = None

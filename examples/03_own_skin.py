@@ -39,7 +39,8 @@ class Example:
 def main(example: Example) -> None:
     """Write robot and skin, check them, and recognise simulated touches."""
     example.out.mkdir(parents=True, exist_ok=True)
-    urdf, folder = example.out / "post.urdf", example.out / "skin"
+    urdf = example.out / "post.urdf"
+    folder = example.out / "skin"
     urdf.write_text(URDF)
     grid = TaxelGrid(rows=16, columns=20, row_pitch=0.025, column_pitch=0.025)
     patch = Patch("sleeve", link="post", address=1, rows=16, columns=20)

@@ -45,8 +45,10 @@ def press(name: str, part: float) -> np.ndarray:
 
 def perform(names: list[str], seed: int) -> tuple[list[eskin.Scan], list[Label]]:
     """Return the scans of gestures, one in 3 s after 2 s of rest, and their labels."""
-    rng, received = np.random.default_rng(seed), np.ones(SKIN.count, bool)
-    scans, labels = [], []
+    rng = np.random.default_rng(seed)
+    received = np.ones(SKIN.count, bool)
+    scans = []
+    labels = []
     for number, name in enumerate(names):
         strength = rng.normal(1.0, 0.15)
         begin = (3 * number + 2) * RATE

@@ -43,11 +43,13 @@ class OnnxSteps:
         if passed := min(slot - self.slot, len(self.present)):
             self.window = np.roll(self.window, -passed, axis=0)
             self.present = np.roll(self.present, -passed)
-            self.window[-passed:], self.present[-passed:] = 0, 0
+            self.window[-passed:] = 0
+            self.present[-passed:] = 0
         self.slot = slot
         feeds = {**inputs, "window": self.window, "present": self.present}
         features, _, probabilities = self.session.run(None, feeds)
-        self.window[-1], self.present[-1] = features, 1
+        self.window[-1] = features
+        self.present[-1] = 1
         return dict(zip(self.gestures, probabilities.tolist(), strict=True))
 
 
@@ -78,10 +80,12 @@ class Example:
 
 def main(example: Example) -> None:
     """Press a skin for 0.3 s and print what the network says of each reading."""
-    skin, rng = build_grid_skin(12, 12, calibrated=True), np.random.default_rng(0)
+    skin = build_grid_skin(12, 12, calibrated=True)
+    rng = np.random.default_rng(0)
     mounted = MountedSkin(skin, load_robot("table"))
     pipeline = TouchPipeline(mounted, Calibration.uniform(skin.count, 4095, 100.0))
-    graphs, steps = GraphStream(mounted), OnnxSteps(example.model)
+    graphs = GraphStream(mounted)
+    steps = OnnxSteps(example.model)
     distance = np.linalg.norm(skin.positions - skin.positions[70], axis=1)
     for index in range(3 * RATE):
         t = index / RATE

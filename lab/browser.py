@@ -127,7 +127,8 @@ class Canvas:
 
 
 LINK = "forearm_link"
-ASIDE, BEFORE = 0.03, 0.06
+ASIDE = 0.03
+BEFORE = 0.06
 """Distance from a ray, and in front of a taxel, at which another taxel hides it [m]."""
 SOME = np.arange(0, 2112, 3)
 """Taxels used to find out which parts are hidden."""
@@ -259,7 +260,8 @@ class Visit:
         """
         everywhere, normals = mounted().place_taxels(self.demo.q_shown, SOME)
         own = mounted().taxel_link_index[SOME] == mounted().robot.link_index(LINK)
-        p_world, n_world = everywhere[own], normals[own]
+        p_world = everywhere[own]
+        n_world = normals[own]
         rays = p_world - EYE
         depth = np.linalg.norm(rays, axis=1)
         rays /= depth[:, None]

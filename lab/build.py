@@ -117,7 +117,8 @@ def carry_code(wheel: Path, package: Path) -> None:
     [record] = [name for name in parts if name.endswith(".dist-info/RECORD")]
     listed = parts.pop(record).decode()
     for path in sorted(package.rglob("__pycache__/*.nb[ci]")):
-        name, data = path.relative_to(package.parent).as_posix(), path.read_bytes()
+        name = path.relative_to(package.parent).as_posix()
+        data = path.read_bytes()
         digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).decode()
         listed += f"{name},sha256={digest.rstrip('=')},{len(data)}\n"
         parts[name] = data
@@ -134,7 +135,8 @@ def try_extra(name: str, wheel: Path, folder: Path) -> tuple[float, float]:
         Size of the environment [MB], and time that the commands took [s].
     """
     venv.create(folder / "env", with_pip=True)
-    python, work = folder / "env" / "bin" / "python", folder / "work"
+    python = folder / "env" / "bin" / "python"
+    work = folder / "work"
     work.mkdir()
     (work / "box.urdf").write_text(URDF)
     pip = [str(python), "-m", "pip", "install", "--quiet"]

@@ -38,7 +38,8 @@ def call(*words: object) -> Answer:
     Raises:
         RuntimeError: the command fails.
     """
-    out, err = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    err = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = run([*map(str, words), "--json"])
     if code:
@@ -209,7 +210,8 @@ def check_demo(folder: Path, data: Path) -> Answer:
 
 def check_run(folder: Path, data: Path) -> Answer:
     """The clips as a live source, and the recording of it."""
-    source, path = find_recording(folder / "clips"), folder / "run.mcap"
+    source = find_recording(folder / "clips")
+    path = folder / "run.mcap"
     words = ("--source", f"replay:{source}", "--pace", "inf", "--record", path)
     result = call("run", *words)
     del result["queues"]
@@ -221,7 +223,9 @@ def check_run(folder: Path, data: Path) -> Answer:
 
 def check_labels(folder: Path, data: Path) -> Answer:
     """Automatic labels, the score of the weights, and a calibration at rest."""
-    clips, stream, path = folder / "clips", folder / "stream", folder / "rest.json"
+    clips = folder / "clips"
+    stream = folder / "stream"
+    path = folder / "rest.json"
     rest = ("--presses", 0, "--seconds", 1, "--out", path)
     source = f"replay:{find_recording(stream)}"
     found = {
@@ -239,7 +243,8 @@ def check_onnx(folder: Path, data: Path) -> Answer:
     """The weights ur5 as ONNX: what the network answers on random input."""
     from onnxruntime import InferenceSession
 
-    path, rng = folder / "ur5.onnx", np.random.default_rng(0)
+    path = folder / "ur5.onnx"
+    rng = np.random.default_rng(0)
     call("export", "ur5", "--onnx", path)
     session = InferenceSession(path)
     inputs = session.get_inputs()
@@ -271,7 +276,9 @@ def check_tables(folder: Path, data: Path) -> Answer:
     """The clips as a bag of ROS 2 and as Parquet tables."""
     from pyarrow.parquet import read_table
 
-    path, bag, tables = find_recording(folder / "clips"), folder / "bag", folder / "t"
+    path = find_recording(folder / "clips")
+    bag = folder / "bag"
+    tables = folder / "t"
     found: Answer = {"bag": call("export", path, "--rosbag", bag)}
     found["files"] = sorted(f.name for f in bag.iterdir())
     found["topics"] = describe_topics(find_recording(bag))
@@ -350,7 +357,8 @@ def convert(folder: Path, name: str, *files: Path | str) -> Answer:
     missing = [path for path in found if not path.is_file()]
     if missing:
         raise MissingDataError(f"no {missing[0]}; say where they are by --data")
-    source, out = folder / f"{name}_source", folder / name
+    source = folder / f"{name}_source"
+    out = folder / name
     for path in found:
         place = source / path.parent.name if name == "shearsense" else source
         place.mkdir(parents=True, exist_ok=True)

@@ -38,7 +38,8 @@ from eskin.sim.demo.score import count_going_on
 from eskin.sim.sensor import FAMILIES
 from lab.tables import format_head, format_row
 
-SHORT, LONG = (0.6, 0.8), (1.5, 3.5)
+SHORT = (0.6, 0.8)
+LONG = (1.5, 3.5)
 """Shortest and longest time from one touch to the next [s]."""
 
 FRESH = DemoConfig(user=SimulatedUserConfig(pause=SHORT))
@@ -122,7 +123,8 @@ def count_outcomes(part: DemoResult) -> Float[np.ndarray, "4 2"]:
     They are of touches obeyed correctly and wrongly, of unasked stops by accidents,
     and of unasked commands to go on by simulated hours.
     """
-    score, unasked = part.score, part.score.count_unasked()
+    score = part.score
+    unasked = part.score.count_unasked()
     attempts = len(score.attempts)
     return np.array(
         [

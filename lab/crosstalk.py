@@ -57,7 +57,8 @@ GAIN = 0.3
 """Standard deviation of the logarithm of the gains of taxels."""
 UNSTEADY = 0.01
 """The same of the pressure of a taxel from one reading to the next."""
-HALF, EXPONENT = 60.0, 0.9
+HALF = 60.0
+EXPONENT = 0.9
 """Pressure at which a divider reads half scale [kPa], and its exponent."""
 SETTLING = 2.0
 """Time without touch at the start, after which taxels that are left out count [s]."""

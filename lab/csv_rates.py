@@ -38,9 +38,11 @@ from lab.tables import format_head, format_row
 
 RATES = (2, 5, 8, 10, 12, 15, 20, 25, 33, 50, 100, 200, 500, 1000)
 WAYS = ("steady", "jitter", "bursts", "repeats")
-JITTER, BURST = 0.3, 0.16
+JITTER = 0.3
+BURST = 0.16
 """Largest relative change of an interval; time between two bursts [s]."""
-MIN_SCANS, MIN_SECONDS = 50, 4.0
+MIN_SCANS = 50
+MIN_SECONDS = 4.0
 """Each run lasts for a number of scans and a time [s], about a third to open."""
 SLACK = 0.05
 """Delay that is allowed beyond one period [s]."""
@@ -48,7 +50,8 @@ SLACK = 0.05
 
 def build_pad() -> Skin:
     """Build one patch of 64 taxels on a table."""
-    patch, grid = Patch("pad", "table", 1, 8, 8), TaxelGrid(8, 8, 0.01, 0.01)
+    patch = Patch("pad", "table", 1, 8, 8)
+    grid = TaxelGrid(8, 8, 0.01, 0.01)
     return build_skin("pad", [(patch, grid, Plane(np.eye(4)))])
 
 
@@ -82,7 +85,9 @@ class ScheduledMatrix(SampleDevice):
 
     def __init__(self, clock: ManualClock, skin: Skin, schedule: Schedule) -> None:
         """Begin now."""
-        self.clock, self.schedule, self.next = clock, schedule, 0
+        self.clock = clock
+        self.schedule = schedule
+        self.next = 0
         self.line = MatrixLine(LineForm("simulated"), skin, 0)
         self.times = clock.now() + (schedule.arrived * NS_PER_S).astype(np.int64)
         self.line.deframer.push(b"\n")
@@ -93,7 +98,8 @@ class ScheduledMatrix(SampleDevice):
 
     def receive(self, timeout: float) -> list[PatchSample]:
         """Wait for the next bytes and return their samples."""
-        now, times = self.clock.now(), self.times
+        now = self.clock.now()
+        times = self.times
         due = times[self.next] if self.next < len(times) else now + NS_PER_S
         self.clock.sleep(min(timeout, MAX_WAIT, max(0, due - now) / NS_PER_S))
         now = self.clock.now()
@@ -101,7 +107,8 @@ class ScheduledMatrix(SampleDevice):
         if last == self.next:
             self.line.empty_at = now
             return []
-        numbers, self.next = range(self.next, last), last
+        numbers = range(self.next, last)
+        self.next = last
         chunk = b"".join(map(self.schedule.line, numbers))
         return self.line.push(self.line.deframer.push(chunk), now)
 
@@ -142,14 +149,19 @@ class Outcome:
 
 def measure_simulated(rate: float, way: str, seed: int) -> Outcome:
     """Read a device from its opening to its last line."""
-    skin, clock, schedule = build_pad(), ManualClock(), Schedule(rate, way, seed)
+    skin = build_pad()
+    clock = ManualClock()
+    schedule = Schedule(rate, way, seed)
     begun = clock.now()
     device = ScheduledMatrix(clock, skin, schedule)
     mounted = MountedSkin(skin, load_robot("table"))
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     joints = FixedJoints(np.zeros(0))
     arrived = begun / NS_PER_S + schedule.arrived
-    numbers, ages, errors, empty = [], [], [], 0
+    numbers = []
+    ages = []
+    errors = []
+    empty = 0
     end = arrived[-1] - 0.5 * SLACK
     with SampledSource(device, mounted, calibration, joints, clock, "csv:pad") as read:
         opened = clock.now() / NS_PER_S

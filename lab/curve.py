@@ -55,7 +55,8 @@ class Command:
 def run(command: Command) -> dict[str, object]:
     """Print the tables, and draw the curves of all sets together."""
     model = load_model(command.model)
-    decision, vocabulary = model.card.decision, model.card.vocabulary
+    decision = model.card.decision
+    vocabulary = model.card.vocabulary
     traced = {name: trace_set(command, name) for name in SETS}
     families = sorted({family for found in traced.values() for family in found})
     curves: dict[str, list[CurvePoint]] = {}
@@ -91,7 +92,8 @@ def trace_set(command: Command, name: str) -> dict[str, list[TracedStream]]:
         workers=command.workers,
     )
     found: dict[str, list[TracedStream]] = {}
-    paths, model = find_recordings([folder]), load_model(command.model)
+    paths = find_recordings([folder])
+    model = load_model(command.model)
     for stream in trace_recordings(paths, model, command.workers):
         notes = read_recording(stream.path).metadata.notes
         found.setdefault(notes.get("family", "one"), []).append(stream)

@@ -76,11 +76,13 @@ def call(*words: object) -> None:
 
 def measure(name: str, command: "Command") -> None:
     """Design a skin, simulate a set on it, and classify the clips of the set."""
-    skin, work = SKINS[name], command.work
+    skin = SKINS[name]
+    work = command.work
     sets = work / "sets" / name
     where: list[object] = ["--skin", "ur5"]
     if skin.robot:
-        folder, urdf = work / "skins" / name, find_robot(skin.robot)
+        folder = work / "skins" / name
+        urdf = find_robot(skin.robot)
         if not (folder / "skin.yaml").exists():
             links = ["--links", *skin.links] if skin.links else []
             asked = ["--out", folder, "--density", skin.density, *links]

@@ -48,14 +48,17 @@ SETTLING = 5.0
 """Time after the start that is not counted [s]."""
 LATE = 20.0
 """Time at which a fault begins that is not there from the start [s]."""
-PATS, INTERVAL, DURATION = 40, 0.6, 0.2
+PATS = 40
+INTERVAL = 0.6
+DURATION = 0.2
 """Pats of a row, the time from one to the next, and the duration of each [s]."""
 FIRST_PAT = 8.0
 PAT = 20.0
 """Median of the peak pressures of pats [kPa]."""
 LADDER = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.3, 16.0, 22.6)
 """Peak pressures at which one taxel is pressed, each four times [kPa]."""
-ONSET, END = 0.06, 0.1
+ONSET = 0.06
+END = 0.1
 """Largest errors of an onset and of an end [s]."""
 
 
@@ -72,8 +75,10 @@ def replace_rows(skin: Skin) -> Skin:
 
 def shift_taxels(target: FaultTarget) -> skin_faults.Disturbance:
     """Return offsets of 1 % of the taxels that jump every five seconds."""
-    taxels, rng = skin_faults.choose(target, 0.01), target.rng
-    offset, last = np.zeros(target.skin.count), 0.0
+    taxels = skin_faults.choose(target, 0.01)
+    rng = target.rng
+    offset = np.zeros(target.skin.count)
+    last = 0.0
 
     def disturb(seconds: float) -> np.ndarray:
         nonlocal last
@@ -154,7 +159,8 @@ def make_world(
         "gestures": np.array([t.gesture for _, t in rows], str),
     }
     for n, (_, truth) in enumerate(rows):
-        arrays[f"force{n}"], arrays[f"centre{n}"] = truth.force, truth.centre
+        arrays[f"force{n}"] = truth.force
+        arrays[f"centre{n}"] = truth.centre
     name = f"{kind}-{row.replace(' ', '_')}-{number}.npz"
     np.savez_compressed(folder / name, **arrays)
 
@@ -175,7 +181,8 @@ class Recorded(BuildRun):
     def perform(self, gesture: str) -> TrueContact:
         """Perform a touch and a pause; return the truth."""
         self.truths: list[TruthRecord] = []
-        self.stamps, self.forces = [], []
+        self.stamps = []
+        self.forces = []
         self.live.hand.perform(gesture)
         while self.live.hand.touching:
             self.scan()
@@ -229,7 +236,8 @@ def play_rest(data: dict, row: str, number: int) -> dict[str, float]:
 
 def play_touches(data: dict, row: str, number: int) -> dict[str, float]:
     """Play touches, and score their onsets and ends."""
-    player, scans = Player(row, number), list(read_scans(data))
+    player = Player(row, number)
+    scans = list(read_scans(data))
     names = ("onsets", "ends", "forced", "touches")
     result: dict[str, float] = dict.fromkeys(names, 0.0)
     done = 0
@@ -247,7 +255,8 @@ def play_touches(data: dict, row: str, number: int) -> dict[str, float]:
             continue
         assert player.watcher.trails is not None
         score = score_touch(truth, player.watcher.trails)
-        onset, end = score.onset_error, score.end_error
+        onset = score.onset_error
+        end = score.end_error
         result["touches"] += 1
         result["onsets"] += onset is not None and abs(onset) <= ONSET
         result["ends"] += end is not None and abs(end) <= END
@@ -308,7 +317,8 @@ def press(
 
     `floating` are taxels that float from the start.
     """
-    skin, calibration = player.skin, player.calibration
+    skin = player.skin
+    calibration = player.calibration
     add = None
     target = build_target(skin, calibration, 3)
     if floating is not None:
@@ -399,7 +409,8 @@ def list_plays(
 def play(path: Path, kind: str, fault: str, start: float) -> Found:
     """Play a world; return what was counted, by row, family and build."""
     _, name, number = path.stem.split("-")
-    row, n = name.replace("_", " "), int(number)
+    row = name.replace("_", " ")
+    n = int(number)
     with np.load(path) as file:
         data = dict(file)
     if kind == "pats":
@@ -424,7 +435,8 @@ def compare(paths: list[Path]) -> None:
     for row in rows:
         keys = [key for key in files[0] if key.split("|")[0] == row]
         for figure in files[0][keys[0]] if keys else ():
-            cells, sums = [], []
+            cells = []
+            sums = []
             for file in files:
                 parts = [file[key][figure] if key in file else np.nan for key in keys]
                 sums.append(float(np.sum(parts)))

@@ -39,7 +39,8 @@ from lab.checks import CHECKS, Answer, MissingDataError
 
 ROOT = Path(__file__).parents[1]
 ANSWERS = ROOT / "lab" / "golden.json"
-DIGITS, TOLERANCE = 6, 1e-5
+DIGITS = 6
+TOLERANCE = 1e-5
 """Significant digits that are stored, and the largest relative difference allowed."""
 PACKAGES = ("numpy", "scipy", "numba", "torch", "onnxruntime")
 
@@ -163,7 +164,8 @@ def write_answers(answers: Answer) -> None:
 
 
 TURNS = 3
-CLIPS, STEPS = 60, 1000
+CLIPS = 60
+STEPS = 1000
 """Clips that are generated, and steps that are timed, in each turn."""
 MEASURES = {
     "step at 60 taxels, p50 [ms]": "step",

@@ -69,7 +69,8 @@ def draw_random_clips(
         seed: random seed.
     """
     rng = np.random.default_rng(seed)
-    skin, joints = mounted.skin, len(mounted.robot.joint_names)
+    skin = mounted.skin
+    joints = len(mounted.robot.joint_names)
     links = mounted.taxel_link_index
     labels = np.arange(count) % CLASS_COUNT
     pressure = rng.random((count, READINGS, skin.count), np.float32) * np.float32(0.3)

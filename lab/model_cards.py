@@ -48,7 +48,8 @@ def on_files(files: Any, config: Any) -> Any:  # noqa: ANN401
 def describe(name: str) -> str:
     """Return the page of weights."""
     model = load_model(name)
-    card, recipe = model.card, WEIGHTS.get(name)
+    card = model.card
+    recipe = WEIGHTS.get(name)
     path = resources.files("eskin.live") / "presets" / f"{name}.safetensors"
     size = len(path.read_bytes()) / 1e6
     start = card.training.get("start", "")

@@ -29,10 +29,16 @@ from eskin.touch import Scan
 from eskin.units import NS_PER_S
 from lab.tables import format_head, format_row
 
-RATE, NOISE, REST = 50, 1.5, 200
-FORCE, DURATION, WIDTH = 5.0, 0.25, 0.006
+RATE = 50
+NOISE = 1.5
+REST = 200
+FORCE = 5.0
+DURATION = 0.25
+WIDTH = 0.006
 """Force [N], duration [s] and standard deviation [m] of a poke."""
-BEFORE, AFTER, WATCHED = (0.0, 8.0), 1.0, 1.5
+BEFORE = (0.0, 8.0)
+AFTER = 1.0
+WATCHED = 1.5
 """Time of the scan, from it to the poke, and that a detection may take [s]."""
 
 Counts = np.ndarray
@@ -129,7 +135,8 @@ def draw(
     mounted: MountedSkin, recognizer: Recognizer, rng: np.random.Generator, kind: str
 ) -> Outcome:
     """Stream one draw, and return what it showed."""
-    skin, calibration = mounted.skin, nominal_calibration(mounted.skin)
+    skin = mounted.skin
+    calibration = nominal_calibration(mounted.skin)
     own = np.flatnonzero(skin.patch_index == rng.integers(len(skin.patches)))
     struck = own if rng.random() < 0.8 else np.arange(skin.count)
     at = round(rng.uniform(*BEFORE) * RATE)
@@ -138,7 +145,11 @@ def draw(
         pokes.append(at - int(rng.integers(1, round(DURATION * RATE))))
     profiles = [press(skin, rng.choice(own)) for _ in pokes]
     patch = skin.patches[skin.patch_index[own[0]]].id
-    felt, reported, held, gestures, false = False, 0, False, [], 0
+    felt = False
+    reported = 0
+    held = False
+    gestures = []
+    false = 0
     for k in range(pokes[0] + round((DURATION + WATCHED) * RATE)):
         pressure = np.zeros(skin.count)
         for start, profile in zip(pokes, profiles, strict=True):
@@ -179,7 +190,8 @@ def main() -> None:
     options = parser.parse_args()
     model = load_model("ur5")
     for name in options.skins:
-        mounted, rng = SKINS[name](), np.random.default_rng(options.seed)
+        mounted = SKINS[name]()
+        rng = np.random.default_rng(options.seed)
         calibration = nominal_calibration(mounted.skin)
         kinds = list(SCANS)
         outcomes = [

@@ -100,7 +100,8 @@ def main() -> None:
 def touch_once(visit: Visit, kind: str, count: Count) -> None:
     """Touch the arm, and count what comes of it."""
     prepare(visit, kind)
-    before, known = visit.demo.state, set(ENTRY.findall(visit.text()))
+    before = visit.demo.state
+    known = set(ENTRY.findall(visit.text()))
     if kind == "shift-click" and not before["paused"] and before["speed"] == 1.0:
         return  # Nothing was paused or slowed that could go on.
     act: dict[str, Callable[[], None]] = {
@@ -116,7 +117,8 @@ def touch_once(visit: Visit, kind: str, count: Count) -> None:
         if before["paused"]:
             visit.press_resume()
         return
-    began, count.touches = visit.demo.seconds, count.touches + 1
+    began = visit.demo.seconds
+    count.touches = count.touches + 1
     found: dict[str, float] = {}
     question = visit.tab.locator("#question")
     is_answered = False
@@ -158,7 +160,8 @@ def touch_once(visit: Visit, kind: str, count: Count) -> None:
 
 def prepare(visit: Visit, kind: str) -> None:
     """Make the arm pausable by its button, and so where no forearm is seen."""
-    state, is_seen = visit.demo.state, visit.seen()[0].max() > VISIBLE
+    state = visit.demo.state
+    is_seen = visit.seen()[0].max() > VISIBLE
     resumes = kind == "shift-click" and is_seen
     if state["hold_reason"] or (state["paused"] and not resumes):
         visit.press_resume()

@@ -20,9 +20,12 @@ from PIL import Image
 
 from lab.browser import Visit, becomes, visit_demo
 
-SEED, PACE, SCALE = 7, 0.06, 0.75
+SEED = 7
+PACE = 0.06
+SCALE = 0.75
 TRIES = 5
-SHORTEST, LONGEST = 40, 400
+SHORTEST = 40
+LONGEST = 400
 """Shortest and longest duration of a frame [ms]."""
 LAST = 1500
 """Duration of the last frame [ms]."""

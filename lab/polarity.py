@@ -33,10 +33,13 @@ from eskin.touch import Calibration, Scan, TouchPipeline
 from eskin.units import NS_PER_S
 from lab.tables import format_head, format_row
 
-SIDE, PITCH = 10, 0.01
-REST, PAUSE = 8.0, 2.5
+SIDE = 10
+PITCH = 0.01
+REST = 8.0
+PAUSE = 2.5
 """Time at rest before the first touch, and from one touch to the next [s]."""
-POKE, PRESS = 0.25, 1.0
+POKE = 0.25
+PRESS = 1.0
 """Durations of a poke and of a press [s]."""
 FORCE = 4.0
 """Greatest force of a touch [N]."""
@@ -89,7 +92,8 @@ def press_grid(
         image = np.where(
             under, tip[(rows + half) % WIDTH, (columns + half) % WIDTH], 0.0
         )
-        first, steps = round(begin / step), round(seconds / step)
+        first = round(begin / step)
+        steps = round(seconds / step)
         course = np.sin(np.pi * (np.arange(steps) + 0.5) / steps) ** 0.5
         pressure[first : first + steps] = course[:, None] * image
     return pressure, begins
@@ -127,7 +131,8 @@ def watch(
     the greatest ones.
     """
     pipeline = TouchPipeline(mounted, calibration)
-    told, force = None, np.zeros(len(begins))
+    told = None
+    force = np.zeros(len(begins))
     for scan in scans:
         time = scan.stamp / NS_PER_S
         state = pipeline.push(scan)
@@ -172,7 +177,8 @@ def main() -> None:
     """Print the table."""
     command = tyro.cli(Command)
     skin = build_grid_skin(SIDE, SIDE, PITCH, calibrated=True)
-    mounted, constants = MountedSkin(skin, load_robot("table")), load_constants()
+    mounted = MountedSkin(skin, load_robot("table"))
+    constants = load_constants()
     print(format_head(("family", "counts", "told", "felt", "force")))
     for family in FAMILIES:
         for falls in (False, True):

@@ -38,7 +38,8 @@ PAUSE = 0.5
 """Shortest pause between two trials of one recording, as that which ends a touch
 [s]."""
 
-FAINT, PART = 0.03, 0.2
+FAINT = 0.03
+PART = 0.2
 """Share of full scale, and of the peak of the recording, above which ShearSense is
 touched."""
 
@@ -240,7 +241,8 @@ def group_single(truths: Mapping[str, str], others: Sequence[str]) -> tuple[Grou
 
 def group_socialtouch() -> tuple[Group, ...]:
     """Group the 32 gestures of SocialTouch by their true class."""
-    fingers, resting = GROUPS["finger touch"], (*GROUPS["contact"], *GROUPS["arm"])
+    fingers = GROUPS["finger touch"]
+    resting = (*GROUPS["contact"], *GROUPS["arm"])
     return (
         Group("poke", GROUPS["poke"], "poke"),
         Group("stroke", GROUPS["stroke"], "stroke"),

@@ -74,7 +74,8 @@ def is_compiled(value: object) -> bool:
 
 def find_inner(called: list[CodeType]) -> list[CodeType]:
     """Return the compiled functions that called ones use, at any depth."""
-    compiled, waiting = find_compiled(), list(called)
+    compiled = find_compiled()
+    waiting = list(called)
     found: dict[CodeType, None] = {}
     while waiting:
         if (code := waiting.pop()) in compiled:
@@ -95,7 +96,9 @@ def list_files(codes: list[CodeType]) -> list[str]:
 def receive(calibration: Path, profiler: Profiler) -> tuple[int, int]:
     """Recognise what comes; return the numbers of readings and detections profiled."""
     config = eskin.SourceConfig(skin="ur5", calibration=calibration, patience=PATIENCE)
-    model, found, count = eskin.load_model("ur5"), 0, 0
+    model = eskin.load_model("ur5")
+    found = 0
+    count = 0
     end = time.monotonic() + PATIENCE
     with eskin.open_source(f"udp://{ADDRESS}", config=config) as source:
         mounted = eskin.MountedSkin(source.info.skin, source.info.load_robot())

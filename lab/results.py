@@ -116,7 +116,8 @@ def table(command: Command, form: Form) -> None:
 
 def large(command: Command, form: Form) -> None:
     """Compare methods trained on many people, on the large tests."""
-    sets, workers = command.sets, command.workers
+    sets = command.sets
+    workers = command.workers
     train = made_set(sets, "train", clips=form.train, workers=workers)
     tests = [
         made_set(sets, name, clips=form.test, workers=workers) for name in form.tests

@@ -36,7 +36,8 @@ from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S, format_count
 from lab.program import run_program
 
-REST_BEFORE, REST_AFTER = 4.0, 4.0
+REST_BEFORE = 4.0
+REST_AFTER = 4.0
 """Time without touch before and after the counts that are compared [s]."""
 PATH_SAMPLES = 60
 """Number of poses on a path that are checked for collisions."""
@@ -91,7 +92,8 @@ def draw_touches(number: int, seed: int = 0) -> tuple[SameTouch, ...]:
         ValueError: too few paths are collision-free.
     """
     environment = load_environment("ur5")
-    level, own = environment.constants.value("sets.difficulty"), seed * SEED_STRIDE
+    level = environment.constants.value("sets.difficulty")
+    own = seed * SEED_STRIDE
     first = plan_single_pair("merging", own, level, environment.constants)
     build = replace(first.build, kind="fresh")
     found: list[SameTouch] = []
@@ -124,10 +126,8 @@ def build_touch(plan: ClipPlan, environment: SimEnvironment) -> SameTouch:
         seconds=REST_BEFORE + REST_AFTER,
         pair=replace(plan.pair, number=-1, gesture="none"),
     )
-    pair, rest = (
-        simulate_pair(plan, environment),
-        simulate_pair(idle, environment).first,
-    )
+    pair = simulate_pair(plan, environment)
+    rest = simulate_pair(idle, environment).first
     period = round(environment.constants.value("sensor.period") * NS_PER_S)
     cut = round(REST_BEFORE * NS_PER_S / period)
     touched = pair.first

@@ -45,7 +45,8 @@ class SlowClock(Clock):
 
     def __init__(self, pace: float) -> None:
         """Set the pace as a share of real time."""
-        self.host, self.pace = HostClock(), pace
+        self.host = HostClock()
+        self.pace = pace
         self.begin = self.host.now()
 
     def now(self) -> int:

@@ -68,7 +68,8 @@ from lab.transfer import FINEST, build_scans
 STEP = 0.01
 """Time between two computed pressures [s]."""
 
-REST_BEFORE, REST_AFTER = 1.5, 1.8
+REST_BEFORE = 1.5
+REST_AFTER = 1.8
 """Time without touch before and after each [s]."""
 
 FULL_SCALE = 100.0
@@ -210,7 +211,8 @@ def answer_part(model: Model, part: Part, seed: int, draws: int) -> Iterator[Ans
 def answer_phone(model: Model, people: tuple[str, ...]) -> Iterator[Answer]:
     """Yield the answers to the touches of people on the phone."""
     public = SETS["phone"]
-    pitch, scale = public.pitch_mm / 1000, public.full_scale_kpa
+    pitch = public.pitch_mm / 1000
+    scale = public.full_scale_kpa
     skin = build_grid_skin(public.rows, public.columns, pitch, calibrated=True)
     mounted = MountedSkin(skin, load_robot("table"))
     calibration = Calibration.uniform(skin.count, FINEST, scale)

@@ -44,7 +44,8 @@ def main() -> None:
         for name in ("nothing compiled", *["compiled"] * 3):
             found, usage = time_run(path, copy.parent)
             times = ", ".join(f"{event} {found[event]:.1f} s" for event in EVENTS)
-            spent, peak = usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+            spent = usage.ru_utime + usage.ru_stime
+            peak = usage.ru_maxrss / 1024
             print(
                 f"{name}: {times}; processor {spent:.1f} s, {peak:.0f} MB", flush=True
             )
@@ -54,13 +55,15 @@ def main() -> None:
 
 def write_poke(path: Path) -> None:
     """Record a poke of the ur5 skin from 0.6 to 0.9 s."""
-    skin, rng = eskin.load_skin("ur5"), np.random.default_rng(0)
+    skin = eskin.load_skin("ur5")
+    rng = np.random.default_rng(0)
     calibration = eskin.Calibration.uniform(skin.count, 4095, 100.0)
     patch = skin.find_taxels(skin.patches[4].id)
     distance = np.linalg.norm(skin.positions - skin.positions[patch[20]], axis=1)
     shape = np.zeros(skin.count)
     shape[patch] = np.exp(-((distance[patch] / 0.012) ** 2))
-    metadata, received = Metadata("bench"), np.ones(skin.count, bool)
+    metadata = Metadata("bench")
+    received = np.ones(skin.count, bool)
     with eskin.RecordingWriter(path, "ur5", skin, calibration, metadata) as writer:
         for index in range(RATE * SECONDS):
             t = index / RATE

@@ -40,9 +40,12 @@ def main() -> None:
     readings = [
         i.reading for i in scene.next_readings(round(command.seconds * command.rate))
     ]
-    took, late, detections = [], 0.0, 0
+    took = []
+    late = 0.0
+    detections = 0
     with pin_to_one_core():
-        busy, start = time.process_time(), time.perf_counter()
+        busy = time.process_time()
+        start = time.perf_counter()
         for number, reading in enumerate(readings):
             due = start + number / command.rate
             if (rest := due - time.perf_counter()) > 0:
@@ -52,7 +55,8 @@ def main() -> None:
             done = time.perf_counter()
             took.append(done - now)
             late = max(late, done - due)
-        wall, busy = time.perf_counter() - start, time.process_time() - busy
+        wall = time.perf_counter() - start
+        busy = time.process_time() - busy
     print(
         f"{len(readings)} readings in {wall:.1f} s ({len(readings) / wall:.0f} Hz), "
         f"{detections} detections; share of a core {busy / wall:.1%}, "

@@ -90,7 +90,8 @@ def main() -> None:
     """Test the weights and print the table."""
     command = tyro.cli(Command)
     started = time.monotonic()
-    public, model = SETS[command.dataset], load_model(command.model)
+    public = SETS[command.dataset]
+    model = load_model(command.model)
     if command.floor is not None:
         public = replace(public, floor=command.floor)
     trials = read_trials(public, command.data or public.folder, command.people)
@@ -103,7 +104,8 @@ def answer_trials(
     trials: Iterable[Trial], public: PublicSet, model: Model
 ) -> list[TrialAnswer]:
     """Recognise every trial with a fresh recogniser."""
-    pitch, scale = public.pitch_mm / 1000, public.full_scale_kpa
+    pitch = public.pitch_mm / 1000
+    scale = public.full_scale_kpa
     skin = build_grid_skin(public.rows, public.columns, pitch, calibrated=True)
     mounted = MountedSkin(skin, load_robot("table"))
     calibration = Calibration.uniform(

@@ -19,7 +19,8 @@ import numpy as np
 
 from eskin.progress import Closing
 
-Reader, Writer = asyncio.StreamReader, asyncio.StreamWriter
+Reader = asyncio.StreamReader
+Writer = asyncio.StreamWriter
 
 PORTS = {"rtde": 30004, "dashboard": 29999, "script": 30003}
 TICK = 0.008
@@ -54,7 +55,11 @@ TYPES = {
     "actual_digital_output_bits": "UINT64",
 }
 VECTORS = ("_q", "_qd", "_qdd", "_current", "_moment", "TCP", "torque", "temperatures")
-SERVO, SERVO_STOP, WATCHDOG, STOP_SCRIPT, NOTHING = 11, 16, 35, 255, 0
+SERVO = 11
+SERVO_STOP = 16
+WATCHDOG = 35
+STOP_SCRIPT = 255
+NOTHING = 0
 
 
 def get_type(name: str) -> str:
@@ -110,7 +115,9 @@ class Controller:
 
     def end_program(self) -> None:
         """Stop the program, and with it the arm."""
-        self.running, self.servo, self.watchdog = False, None, 0.0
+        self.running = False
+        self.servo = None
+        self.watchdog = 0.0
         self.ready = 1
 
     def take(self, names: Sequence[str], values: Sequence[float]) -> None:

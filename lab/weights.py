@@ -219,9 +219,11 @@ def set_decision(path: Path) -> None:
 
 def build_recorded_sets(recipe: Recipe, source: Path) -> dict[str, str]:
     """Return the sets of recorded people, by folder, with their options."""
-    kind, folder = "recorded", "rec"
+    kind = "recorded"
+    folder = "rec"
     if recipe.grouped:
-        kind, folder = "recorded-groups", "groups"
+        kind = "recorded-groups"
+        folder = "groups"
     sets = {}
     for person in recipe.people:
         options = f"--set {kind} --recorded {source} --people {person}"

@@ -121,7 +121,8 @@ def test_joints_of_an_arm_are_found_by_name_and_others_told(tmp_path, change, ca
     q = choose_joints(SourceConfig("ur5", joints=arm), mounted).q_at(arm.time)
     (told,) = caplog.messages
     assert "finger_joint" in told and "elbow" not in told
-    names, finger = mounted.robot.joint_names, told.rpartition(" ")[2]
+    names = mounted.robot.joint_names
+    finger = told.rpartition(" ")[2]
     assert len(q) == 7 and q[names.index(finger)] == 0.01
     ur5 = mount_skin("ur5", None)
     got = mounted.kinematics.poses(q)

@@ -35,7 +35,8 @@ ANSWERS = BEFORE / "answers.json"
 def read_scans():
     """Return what the recording holds besides detections."""
     recording = read_recording(RECORDING)
-    arrays, skin = recording.arrays(), recording.skin
+    arrays = recording.arrays()
+    skin = recording.skin
     return {
         "skin": [skin.name, skin.count, *(patch.id for patch in skin.patches)],
         "robot": [recording.robot_name, *recording.joint_names],
@@ -124,7 +125,8 @@ def test_file_of_before_gives_same_answer(name):
 
 
 def test_map_of_before_by_which_things_start_the_arm_is_refused_with_a_remedy():
-    recording, vocabulary = read_recording(RECORDING), load_model(MODEL).card.vocabulary
+    recording = read_recording(RECORDING)
+    vocabulary = load_model(MODEL).card.vocabulary
     with pytest.raises(CommandError, match=r"commands\[1\].*'gesture: grab'"):
         load_commands(COMMANDS, vocabulary, recording.skin, imports=True)
 

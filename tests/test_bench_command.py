@@ -60,7 +60,8 @@ def test_what_cannot_be_timed_is_one_line(argv, message, capsys):
 
 
 def test_a_larger_skin_is_the_arm_as_it_is_with_panels_out_of_its_way():
-    small, large = UR5.skin, large_skin(7001)
+    small = UR5.skin
+    large = large_skin(7001)
     assert large.count == 7001 and large_skin(2112).count == 2112
     for name in ("positions", "normals", "areas", "rows", "patch_index"):
         assert np.array_equal(getattr(large, name)[:2112], getattr(small, name))

@@ -25,7 +25,8 @@ from helpers.questions import DECISIONS, make_deciding_listener
 from helpers.streams import INFO, played
 
 PROTOCOL = "foxglove.sdk.v1"
-MESSAGE, ASSET = 1, 4
+MESSAGE = 1
+ASSET = 4
 MARKERS, PRESSURE, DETECTION, DESCRIPTION, JOINTS, COMMAND_EVENT = TOPICS = (
     "/eskin/markers",
     "/eskin/pressure",
@@ -104,7 +105,9 @@ def shown():
     recognition = Recognition(recognizer, drop="never")
     bus = FoxgloveBus(0)
     publisher = Publisher(bus, on, VOCABULARY, drop="never")
-    start, close, clients = publisher.start, bus.close, []
+    start = publisher.start
+    close = bus.close
+    clients = []
     subscribed = [topic for topic in PUBLISHED if topic.name in TOPICS]
 
     def start_and_wait(context):
@@ -118,7 +121,8 @@ def shown():
         clients[0].wait_for(stream[-1].stamp)
         close()
 
-    publisher.start, bus.close = start_and_wait, wait_and_close
+    publisher.start = start_and_wait
+    bus.close = wait_and_close
     with Stream(source, [recognition, make_deciding_listener(), publisher]) as running:
         running.wait()
     clients[0].close()
@@ -138,7 +142,8 @@ def test_channels_are_described_as_ros2_messages(shown):
 def decode(client, topic):
     """Decode the messages of a topic by the schema that the server gave."""
     channel = client.channels[topic]
-    store, name = get_typestore(Stores.EMPTY), channel["schemaName"]
+    store = get_typestore(Stores.EMPTY)
+    name = channel["schemaName"]
     store.register(get_types_from_msg(channel["schema"], name))
     return [
         (stamp, store.deserialize_cdr(data, name))
@@ -155,7 +160,8 @@ def test_client_gets_every_reading_with_its_stamp(shown):
 
 
 def test_client_gets_robot_taxels_and_detection(shown):
-    on, client = mounted("ur5"), shown[1]
+    on = mounted("ur5")
+    client = shown[1]
     assert {m.data.encode() for _, m in decode(client, DESCRIPTION)} == {on.robot.urdf}
     assert [m.gesture for _, m in decode(client, DETECTION)] == ["poke"]
     _, last = decode(client, MARKERS)[-1]
@@ -189,7 +195,8 @@ def test_only_meshes_of_the_urdf_are_served(tmp_path):
 
 
 def test_port_that_is_taken_is_one_line():
-    first, second = FoxgloveBus(0), None
+    first = FoxgloveBus(0)
+    second = None
     first.open(())
     try:
         second = FoxgloveBus(first.port)

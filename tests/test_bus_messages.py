@@ -47,7 +47,9 @@ from helpers.streams import INFO, Ear, played
 
 MESSAGES = Path(__file__).parents[1] / "msg" / "eskin_msgs"
 LAYOUT = "examples/foxglove_layout.json"
-ARROW, SPHERE_LIST, TEXT = 0, 7, 9
+ARROW = 0
+SPHERE_LIST = 7
+TEXT = 9
 KINDS = {"contacts": ARROW, "touches": TEXT, "detections": TEXT}
 """Types of markers by namespace, as `visualization_msgs/msg/Marker` numbers them."""
 OTHERS = (JOINT_STATES, TRANSFORMS, ROBOT_DESCRIPTION)
@@ -96,10 +98,8 @@ def publish(bus, stream):
     source.info = replace(INFO, skin=own.skin, joint_names=joints, robot_name="ur5")
     recognizer = Recognizer(say_always("poke"), own, calibration_of(own.skin))
     recognition = Recognition(recognizer, drop="never")
-    publisher, ear = (
-        Publisher(bus, own, VOCABULARY, drop="never"),
-        Ear(message_types=(RecognitionState,)),
-    )
+    publisher = Publisher(bus, own, VOCABULARY, drop="never")
+    ear = Ear(message_types=(RecognitionState,))
     listeners = [recognition, make_deciding_listener(), publisher, ear]
     with Stream(source, listeners) as running:
         running.wait()
@@ -156,7 +156,8 @@ def test_interface_package_defines_what_is_published_and_recorded():
 
 def test_readings_hold_counts_and_pressure_of_each_scan(decode, published):
     _, stream, states = published
-    readings, pressures = decode(READING), decode(PRESSURE)
+    readings = decode(READING)
+    pressures = decode(PRESSURE)
     assert [read_stamp(m) for m in readings] == [scan.stamp for scan in stream]
     for message, scan in zip(readings, stream, strict=True):
         assert message.counts.tolist() == scan.counts.tolist()
@@ -172,7 +173,8 @@ def test_readings_hold_counts_and_pressure_of_each_scan(decode, published):
 
 
 def test_joint_states_hold_names_and_positions(decode, published):
-    stream, joints = published[1], mounted("ur5").robot.joint_names
+    stream = published[1]
+    joints = mounted("ur5").robot.joint_names
     for message, scan in zip(decode(JOINT_STATES), stream, strict=True):
         assert tuple(message.name) == joints
         assert message.position.tolist() == scan.q.tolist()
@@ -190,7 +192,8 @@ def test_contacts_hold_what_was_tracked(decode, published):
             mine = ours[tuple(contact.taxels)]
             assert (contact.link, contact.patch) == (mine.link, mine.patch)
             assert contact.force == pytest.approx(mine.force)
-            point, normal = contact.point, contact.normal
+            point = contact.point
+            normal = contact.normal
             assert (point.x, point.y, point.z) == tuple(mine.p_world)
             assert (normal.x, normal.y, normal.z) == tuple(mine.n_world)
             if contact.touch in state.probabilities:
@@ -222,7 +225,8 @@ def test_question_and_how_it_ended_are_published(decode):
 def test_markers_show_taxels_where_they_are_and_contacts_where_they_press(
     decode, published
 ):
-    own, states = mounted("ur5"), {s.state.reading.stamp: s for s in published[2]}
+    own = mounted("ur5")
+    states = {s.state.reading.stamp: s for s in published[2]}
     messages = decode(MARKERS)
     assert len(messages) == len(published[1]) / 2
     shown = set()
@@ -247,7 +251,8 @@ def test_markers_show_taxels_where_they_are_and_contacts_where_they_press(
 
 
 def test_cloud_holds_place_and_pressure_of_each_taxel(decode, published):
-    own, states = mounted("ur5"), {s.state.reading.stamp: s for s in published[2]}
+    own = mounted("ur5")
+    states = {s.state.reading.stamp: s for s in published[2]}
     messages = decode(TAXELS)
     assert len(messages) == len(decode(MARKERS))
     for message in messages:
@@ -265,7 +270,8 @@ def test_cloud_holds_place_and_pressure_of_each_taxel(decode, published):
 def test_wrenches_are_what_presses_on_each_link_and_end_with_zero(decode, published):
     """At most the force of the contacts, which sums without direction; about the
     link's origin, so that the torque is square to the force of a single place."""
-    own, states = mounted("ur5"), {s.state.reading.stamp: s for s in published[2]}
+    own = mounted("ur5")
+    states = {s.state.reading.stamp: s for s in published[2]}
     messages = decode(WRENCH)
     for message in messages:
         force, torque = (
@@ -274,7 +280,8 @@ def test_wrenches_are_what_presses_on_each_link_and_end_with_zero(decode, publis
         )
         contacts = states[read_stamp(message)].state.contacts
         mine = [c for c in contacts if c.link == message.header.frame_id]
-        whole, size = sum(c.force for c in mine), np.linalg.norm(force)
+        whole = sum(c.force for c in mine)
+        size = np.linalg.norm(force)
         assert 0.9 * whole <= size <= whole + 1e-9
         if mine:
             arm = np.cross(mine[0].p_link, force)
@@ -290,7 +297,8 @@ def test_transforms_place_every_link(decode, published):
         placed = {own.robot.link_names[0]: np.eye(4)}
         q = states[read_stamp(message.transforms[0])].state.reading.q
         for transform in message.transforms:
-            t, r = transform.transform.translation, transform.transform.rotation
+            t = transform.transform.translation
+            r = transform.transform.rotation
             T = np.eye(4)
             T[:3, :3] = rotate(r.w, np.array([r.x, r.y, r.z]))
             T[:3, 3] = t.x, t.y, t.z
@@ -312,7 +320,8 @@ def test_description_of_the_robot_is_its_urdf(decode):
 
 
 def test_diagnostics_tell_once_a_second_which_patch_is_silent(typestore):
-    own, bus = mounted("ur5"), MemoryBus(unwanted=set(TOPICS) - {DIAGNOSTICS})
+    own = mounted("ur5")
+    bus = MemoryBus(unwanted=set(TOPICS) - {DIAGNOSTICS})
     silent = own.skin.patches[2].id
     stream = scans(own, [], 50, 4.0)
     for scan in stream:

@@ -143,7 +143,8 @@ def hear(joints, names, q):
 
 
 def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain, stack):
-    robot, clock = load_robot("ur5"), ManualClock()
+    robot = load_robot("ur5")
+    clock = ManualClock()
     joints = stack.enter_context(Ros2Joints(Ros2Node(), robot, clock))
     assert joints.diagnose().level == WARN
     q = np.arange(6) / 10
@@ -168,7 +169,8 @@ def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain, stack):
 def test_joint_states_count_from_their_arrival_whenever_they_are_asked_for(
     domain, stack
 ):
-    robot, clock = load_robot("ur5"), ManualClock()
+    robot = load_robot("ur5")
+    clock = ManualClock()
     joints = stack.enter_context(Ros2Joints(Ros2Node(), robot, clock))
     bus = Ros2Bus(Ros2Node())
     bus.open((JOINT_STATES,))
@@ -188,7 +190,8 @@ def test_joint_states_count_from_their_arrival_whenever_they_are_asked_for(
 
 
 def test_subscriber_hears_question_and_how_it_ended(domain):
-    bus, heard = Ros2Bus(Ros2Node()), []
+    bus = Ros2Bus(Ros2Node())
+    heard = []
     publisher = Publisher(bus, mounted(), VOCABULARY)
     publisher.start(Context(INFO, ManualClock(), heard.append))
     reader = Ros2Node().create_reader(COMMAND_EVENT)

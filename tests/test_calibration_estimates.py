@@ -107,7 +107,8 @@ def draw_truth(calibration, rng):
     """Draw the constants of a skin by the prior: ln gains, exponent, activation."""
     gains = PRIOR.device * rng.standard_normal()
     gains = gains + PRIOR.patch * rng.standard_normal(len(SKIN.patches))
-    exponent, unfelt = calibration.exponent, calibration.unfelt
+    exponent = calibration.exponent
+    unfelt = calibration.unfelt
     if calibration.curve != "linear":
         exponent *= np.exp(PRIOR.exponent * rng.standard_normal())
         unfelt *= np.exp(PRIOR.unfelt * rng.standard_normal())

@@ -36,7 +36,8 @@ from helpers.guided import (
 
 UR5 = load_skin("ur5")
 PATCHES = ("forearm_front", "elbow_cap", "wrist_1_cap")
-SHIFT, TURN = 0.010, np.deg2rad(10.0)
+SHIFT = 0.010
+TURN = np.deg2rad(10.0)
 
 
 def draw_unit(rng):
@@ -60,7 +61,8 @@ def draw_presses(patch, T, rng, count=10, along=1e-3, across=3e-4):
 
 def press_taxels_of_moved(taxels, T, rng, along=1e-3, across=3e-4):
     """Press taxels of a moved patch, with errors along its surface and across it."""
-    felt, normals = UR5.positions[taxels], UR5.normals[taxels]
+    felt = UR5.positions[taxels]
+    normals = UR5.normals[taxels]
     noise = along * rng.normal(size=(len(taxels), 3))
     lean = np.sum(noise * normals, axis=1, keepdims=True)
     noise += (across / along - 1) * lean * normals
@@ -80,7 +82,8 @@ def test_motion_is_found_exactly_from_exact_presses(patch):
     presses = draw_presses(patch, T, rng, along=1e-12, across=1e-12)
     found = estimate_pose(UR5, patch, *presses)
     assert max(measure_error(found, T)) < 1e-8
-    moved, taxels = move_patch(UR5, found), UR5.find_taxels(patch)
+    moved = move_patch(UR5, found)
+    taxels = UR5.find_taxels(patch)
     assert moved.positions[taxels] == pytest.approx(apply(T, UR5.positions[taxels]))
     assert moved.normals[taxels] == pytest.approx(rotate(T, UR5.normals[taxels]))
     assert moved.tangents[taxels] == pytest.approx(rotate(T, UR5.tangents[taxels]))
@@ -103,7 +106,8 @@ def test_offset_of_a_large_patch_is_found_to_a_millimetre_and_a_degree():
 @pytest.mark.parametrize("patch", PATCHES)
 def test_intervals_contain_the_truth_as_often_as_they_say(patch):
     """Also of few presses, from which the noise is not known well."""
-    rng, taxels = np.random.default_rng(5), choose_taxels(UR5, patch, 8)
+    rng = np.random.default_rng(5)
+    taxels = choose_taxels(UR5, patch, 8)
     inside = []
     for _ in range(200):
         T = draw_motion(UR5, patch, rng)
@@ -127,7 +131,9 @@ def test_more_presses_and_less_noise_make_it_surer():
         ]
         return np.mean([each.deviations for each in found], axis=0)
 
-    few, many, noisy = deviate(10, 1e-3), deviate(40, 1e-3), deviate(40, 2e-3)
+    few = deviate(10, 1e-3)
+    many = deviate(40, 1e-3)
+    noisy = deviate(40, 2e-3)
     assert (many < 0.75 * few).all()
     # Of the six components those that rest on places along the surface double.
     assert (noisy > many).sum() >= 5 and (noisy > 1.7 * many).any()
@@ -150,7 +156,8 @@ def test_chosen_taxels_place_a_patch_better_than_others(patch):
     for _ in range(50):
         others = [rng.choice(part) for part in np.array_split(own, 10)]
         assert measure_variance(chosen) < measure_variance(np.array(others))
-    few, many = choose_taxels(UR5, patch, 5), choose_taxels(UR5, patch, 20)
+    few = choose_taxels(UR5, patch, 5)
+    many = choose_taxels(UR5, patch, 20)
     assert np.array_equal(few, chosen[:5]) and np.array_equal(chosen, many[:10])
 
 
@@ -173,7 +180,8 @@ def test_presses_that_cannot_place_a_patch_are_refused():
     taxels = UR5.find_taxels("forearm_front")
     row = taxels[UR5.rows[taxels] == 10][:8]
     for chosen, words in ((taxels[:4], "4 presses"), (row[:6], "from a line")):
-        points, normals = UR5.positions[chosen], UR5.normals[chosen]
+        points = UR5.positions[chosen]
+        normals = UR5.normals[chosen]
         with pytest.raises(ValueError, match=words):
             estimate_pose(UR5, "forearm_front", points, points, normals)
 
@@ -203,7 +211,8 @@ def make_guide():
 
 def guide_presses(places, wait=30.0, act=None):
     """Press places as a page asks for them; return the guide and the page."""
-    guide, page = make_guide(), RememberedPage(act)
+    guide = make_guide()
+    page = RememberedPage(act)
     taxels = [find_taxel(1, *place) for place in places]
     guide_person(make_scans(taxels), PoseDialogue(guide), wait, page)
     assert guide.phase == "done"
@@ -244,7 +253,8 @@ def test_command_writes_the_skin_with_the_patch_where_it_is(pressed, tmp_path, c
     assert patch["rotation_deg"] == pytest.approx([0, 0, np.rad2deg(0.1)], abs=0.3)
     assert printed.count("felt on patch") == len(PLACES)
     assert printed.count("; so far to") == len(PLACES) - 4
-    corrected, taxels = load_skin(out), SKIN.find_taxels(patch["id"])
+    corrected = load_skin(out)
+    taxels = SKIN.find_taxels(patch["id"])
     true = apply(OFFSET, SKIN.positions[taxels])
     assert corrected.positions[taxels] == pytest.approx(true, abs=3e-4)
     others = SKIN.find_taxels(SKIN.patches[0].id)
@@ -283,7 +293,8 @@ def test_rest_without_enough_scans_is_refused():
 
 def repeat_second_and_skip_fifth(page, board):
     if board.presses == 2 and not page.clicks:
-        page.repeated, page.clicks = 2, 1
+        page.repeated = 2
+        page.clicks = 1
     if board.place is not None and board.place.name == "point 5":
         page.skipped = "point 5"
 
@@ -309,7 +320,8 @@ def skip_third_and_repeat_second(page, board):
     if name == "point 3":
         page.skipped = name
     if name == "point 4" and not page.clicks:
-        page.repeated, page.clicks = 2, 1
+        page.repeated = 2
+        page.clicks = 1
 
 
 def test_point_that_is_repeated_after_a_skip_is_asked_for_and_kept():
@@ -327,7 +339,8 @@ def test_point_that_is_repeated_after_a_skip_is_asked_for_and_kept():
 def test_press_that_goes_on_at_a_skip_or_a_repeat_counts_for_no_point(
     action, last, expected
 ):
-    guide, taxels = make_guide(), [find_taxel(1, *PLACES[n]) for n in (0, 1, last)]
+    guide = make_guide()
+    taxels = [find_taxel(1, *PLACES[n]) for n in (0, 1, last)]
     act_during_next_press(guide, action, make_scans(taxels))
     assert [press.number for press in guide.presses] == expected
 

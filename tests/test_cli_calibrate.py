@@ -110,7 +110,8 @@ def test_recording_of_presses_gives_a_calibration_file(recording, tmp_path, caps
 def test_file_replaces_the_recorded_calibration_and_travels(
     recording, tmp_path, capsys
 ):
-    out, copy = tmp_path / "calibration.json", tmp_path / "copy.mcap"
+    out = tmp_path / "calibration.json"
+    copy = tmp_path / "copy.mcap"
     call(capsys, "calibrate", f"replay:{recording}", "--out", out, "--presses", "0")
     words = ("replay", recording, "--calibration", out, "--record", copy)
     assert call(capsys, *words)[0] == 0
@@ -357,7 +358,8 @@ def test_page_skips_the_patch_that_it_showed_and_no_other(capsys):
 def repeat_third_press_twice(page, board):
     # The second click comes when the press is withdrawn already.
     if page.clicks == 1 or (board.presses == 3 and not page.clicks):
-        page.repeated, page.clicks = 3, page.clicks + 1
+        page.repeated = 3
+        page.clicks = page.clicks + 1
 
 
 def test_last_press_is_repeated_once_where_the_page_asks_for_that():
@@ -373,9 +375,11 @@ def test_last_press_is_repeated_once_where_the_page_asks_for_that():
 
 def skip_patch_then_repeat_its_press(page, board):
     if board.presses == 2 and page.clicks == 0:
-        page.skipped, page.clicks = "p0", 1
+        page.skipped = "p0"
+        page.clicks = 1
     elif page.clicks == 1 and board.place.name == "p1":
-        page.repeated, page.clicks = 2, 2
+        page.repeated = 2
+        page.clicks = 2
 
 
 def test_patch_that_was_skipped_is_asked_for_again_where_its_press_is_repeated():

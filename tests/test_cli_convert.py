@@ -82,7 +82,8 @@ def test_label_adds_labels_once_and_scores_them(converted, capsys):
 
 
 def test_label_writes_copies_into_another_folder(converted, tmp_path, capsys):
-    before, copies = converted.read_bytes(), tmp_path / "copies"
+    before = converted.read_bytes()
+    copies = tmp_path / "copies"
     call_json(capsys, "label", converted.parent, "--out", copies)
     assert converted.read_bytes() == before
     assert len(read_recording(copies / converted.name).labels) == 4
@@ -104,7 +105,8 @@ def test_invalid_input_is_refused_and_no_recording_is_labelled(
     converted, tmp_path, capsys
 ):
     before = converted.read_bytes()
-    start, cut = tmp_path / "start.mcap", tmp_path / "z.mcap"
+    start = tmp_path / "start.mcap"
+    cut = tmp_path / "z.mcap"
     start.write_bytes(before[:300])
     cut.write_bytes(before[:-30])
     ranges = tmp_path / "ranges.yaml"

@@ -117,7 +117,8 @@ def test_doctor_listens_to_a_slow_matrix_and_tells_what_an_arm_needs(
 ):
     monkeypatch.setattr(doctor, "run_checks", lambda: ())
     save_skin(matrix_skin(), tmp_path / "skin")
-    pad, stop = Pad(tmp_path, timed=False), threading.Event()
+    pad = Pad(tmp_path, timed=False)
+    stop = threading.Event()
 
     def send():
         for number in count():

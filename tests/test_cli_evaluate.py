@@ -84,7 +84,8 @@ def test_real_recordings_are_scored_by_clips_and_by_events(
     counts = {name: row["count"] for name, row in events["per_gesture"].items()}
     assert counts == {"hold": 2, "tap": 2}
     assert events["simultaneous_f1"] is None
-    names, counts = events["confusion"]["names"], events["confusion"]["counts"]
+    names = events["confusion"]["names"]
+    counts = events["confusion"]["counts"]
     assert len(counts) == len(names) and sum(map(sum, counts[:-1])) == 4
     errors = events["errors"]
     assert errors["made"] == 4
@@ -169,7 +170,8 @@ def test_events_of_simulated_clips_are_scored_on_request(
 def test_truncated_recording_is_scored_up_to_the_cut_and_named(
     model, ann, tmp_path, evaluate
 ):
-    half, data = tmp_path / "half.mcap", ann.read_bytes()
+    half = tmp_path / "half.mcap"
+    data = ann.read_bytes()
     half.write_bytes(data[: len(data) * 3 // 4])
     result, out = evaluate(model, half)
     assert "half.mcap is cut or damaged" in " ".join(out.split())
@@ -179,7 +181,8 @@ def test_truncated_recording_is_scored_up_to_the_cut_and_named(
 def test_invalid_input_is_refused_and_nothing_is_written(
     model, data, ann, tmp_path, refuse
 ):
-    start, damaged = tmp_path / "start.mcap", tmp_path / "damaged.safetensors"
+    start = tmp_path / "start.mcap"
+    damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(model.read_bytes()[:200])
     start.write_bytes(ann.read_bytes()[:200])
     shear, other, wrong = (tmp_path / name for name in ("shear", "other", "wrong"))
@@ -188,7 +191,8 @@ def test_invalid_input_is_refused_and_nothing_is_written(
     card = replace(make_model().card, vocabulary=(*VOCABULARY, "wave"))
     replace(make_model(), card=card).save(wrong)
     silent = record(tmp_path / "silent.mcap", labels=[])
-    gone, picture = tmp_path / "gone", tmp_path / "new" / "a.png"
+    gone = tmp_path / "gone"
+    picture = tmp_path / "new" / "a.png"
     no_events = ("--events", "none", "--event-picture", picture)
     files = set(tmp_path.rglob("*"))
     for words, part in (

@@ -92,9 +92,12 @@ def test_onnx_network_gives_logits_of_torch_on_contacts_of_any_size(
 ):
     model, path = exported_shear
     if kind == "pressure":
-        model, path = load_model("ur5"), exported[0]
-    session, net = open_session(path), to_network(model)
-    rng, slots = np.random.default_rng(5), net.config.slots
+        model = load_model("ur5")
+        path = exported[0]
+    session = open_session(path)
+    net = to_network(model)
+    rng = np.random.default_rng(5)
+    slots = net.config.slots
     size = len(net.summary_mean) + 2 * net.config.width
     sizes = set()
     for nodes in np.linspace(0, 250, 25).astype(int).tolist():
@@ -116,13 +119,17 @@ def test_onnx_network_gives_logits_of_torch_on_contacts_of_any_size(
 
 
 def test_steps_of_onnx_network_give_probabilities_of_the_live_recogniser(exported):
-    on, model, session = mounted(), load_model("ur5"), open_session(exported[0])
-    card, calibration = model.card, calibration_of(on.skin)
+    on = mounted()
+    model = load_model("ur5")
+    session = open_session(exported[0])
+    card = model.card
+    calibration = calibration_of(on.skin)
     live = Recognizer(model, on, calibration)
     pipeline = TouchPipeline(on, calibration, card.pipeline)
     stream = GraphStream(on, card.graph)
     shapes = {one.name: one.shape for one in session.get_inputs()}
-    windows, compared = {}, 0
+    windows = {}
+    compared = 0
     for scan in scans(on, PRESSES, 50, 5.2):
         live.push(scan)
         slot = scan.stamp // SLOT_NS
@@ -134,7 +141,8 @@ def test_steps_of_onnx_network_give_probabilities_of_the_live_recogniser(exporte
                 values[len(values) - (slot - last) :] = 0
             inputs = feed(graph, np.float32(window), np.float32(present))
             features, _, found = session.run(None, inputs)
-            window[-1], present[-1] = features, 1
+            window[-1] = features
+            present[-1] = 1
             windows[touch] = window, present, slot
             if touch in live.probabilities:
                 np.testing.assert_allclose(found, live.probabilities[touch], atol=1e-4)
@@ -159,7 +167,8 @@ def test_bag_opens_as_one_of_ros2(recording, tmp_path, capsys):
         for connection in bag.connections:
             definition = connection.msgdef.data
             store.register(get_types_from_msg(definition, connection.msgtype))
-        stamps, counts = [], []
+        stamps = []
+        counts = []
         for connection, stamp, data in bag.messages():
             message = store.deserialize_cdr(data, connection.msgtype)
             if connection.topic == "/eskin/reading":

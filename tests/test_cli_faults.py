@@ -151,7 +151,8 @@ class ToldSource:
         return iter(make_scans(rest(150)))
 
     def take_events(self):
-        events, self.events = self.events, []
+        events = self.events
+        self.events = []
         return events
 
 

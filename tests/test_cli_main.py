@@ -137,7 +137,8 @@ def test_script_that_completes_options_holds_no_description(words, shell, capsys
 
 
 def test_first_interrupt_stops_and_a_hasty_second_one_does_not_hang(monkeypatch):
-    raised, now = [], [0.0]
+    raised = []
+    now = [0.0]
     monkeypatch.setattr(main_module.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(main_module.signal, "signal", lambda *_: None)
     monkeypatch.setattr(main_module.signal, "raise_signal", raised.append)
@@ -150,7 +151,8 @@ def test_first_interrupt_stops_and_a_hasty_second_one_does_not_hang(monkeypatch)
 
 
 def test_interrupt_before_the_command_is_read_ends_the_process(monkeypatch):
-    before, seen = signal.getsignal(signal.SIGINT), []
+    before = signal.getsignal(signal.SIGINT)
+    seen = []
     look = lambda: seen.append(signal.getsignal(signal.SIGINT))  # noqa: E731
     monkeypatch.setattr(main_module, "main", look)
     try:

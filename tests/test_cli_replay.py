@@ -98,7 +98,8 @@ def test_touch_open_at_end_is_detected(tmp_path, capsys):
 def test_recording_is_written_with_detections(model, recording, tmp_path, capsys):
     target = tmp_path / "out.mcap"
     rows, _ = replay(capsys, recording, "--model", model, "--record", target)
-    before, after = read_recording(recording), read_recording(target)
+    before = read_recording(recording)
+    after = read_recording(target)
     assert before.detections == ()
     stamps = [detection.stamp for detection in after.detections]
     assert stamps == sorted(row["stamp"] for row in rows)
@@ -109,7 +110,8 @@ def test_recording_is_written_with_detections(model, recording, tmp_path, capsys
 
 
 def test_cut_recording_is_replayed_and_named(model, recording, tmp_path, capsys):
-    data, path = recording.read_bytes(), tmp_path / "cut.mcap"
+    data = recording.read_bytes()
+    path = tmp_path / "cut.mcap"
     path.write_bytes(data[: len(data) * 3 // 4])
     rows, out = replay(capsys, path, "--model", model)
     assert "cut or damaged" in out

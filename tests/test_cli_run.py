@@ -231,7 +231,8 @@ def test_recording_that_cannot_be_written_is_refused(recording, capsys, tmp_path
     ],
 )
 def test_source_that_may_move_a_robot_shows_its_doubt(source, options, shown):
-    robot, ask = "ur://127.0.0.1", ("terminal",)
+    robot = "ur://127.0.0.1"
+    ask = ("terminal",)
     command = RunCommand((source,), robot=robot, ask=ask, skin="ur5", **options)
     check_options(command)
     calibration = replace(Calibration.uniform(4, 4095, 400.0), source="rest")
@@ -305,14 +306,16 @@ def pokes(tmp_path):
         if number in (120, 165, 210, 255):
             live.hand.poke(LinkPoint("forearm_link", place), 12.0, 0.3)
         stream.append(live.scan(SECOND + number * SECOND // 50, np.zeros(6)))
-    path, metadata = tmp_path / "poked.mcap", Metadata(dataset="scene", session="one")
+    path = tmp_path / "poked.mcap"
+    metadata = Metadata(dataset="scene", session="one")
     with RecordingWriter(path, "ur5", skin, live.calibration, metadata) as writer:
         write_all(writer, stream, ())
     return path
 
 
 def test_pokes_of_recording_pause_arm(pokes, tmp_path, monkeypatch, capsys):
-    arms, open_arm = [], eskin.app.open_arm
+    arms = []
+    open_arm = eskin.app.open_arm
 
     def open_and_keep(*arguments, **options):
         arms.append(open_arm(*arguments, **options))
@@ -387,9 +390,11 @@ def test_page_of_run_shows_its_arm_and_takes_no_touches():
 
 
 def test_page_of_run_shows_what_its_policy_asks():
-    recognition, scene = Recognition(Recognizer.load("ur5")), make_paused_scene()
+    recognition = Recognition(Recognizer.load("ur5"))
+    scene = make_paused_scene()
     command = RunCommand(("serial:a",), view=True, port=0)
-    arm, policies = scene.arm, [scene.policy]
+    arm = scene.arm
+    policies = [scene.policy]
     viewer = build_listeners(command, None, recognition, arm, policies, ())[-1]
     assert isinstance(viewer, Viewer)
     now = scene.clock.now()

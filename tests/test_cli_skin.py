@@ -24,11 +24,13 @@ LEFT, MIDDLE, RIGHT = (
     SKIN.find_taxels(name).tolist() for name in ("left", "middle", "right")
 )
 CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
-REST, PRESSED = 200, 1000
+REST = 200
+PRESSED = 1000
 """Counts at rest, and those that a press adds."""
 UNTOUCHED = 155
 """Scans before the first press, for taring."""
-INTERVAL, LENGTH = 36, 10
+INTERVAL = 36
+LENGTH = 10
 """Scans from press to press, and of each."""
 RISE = 3
 """Scans in which a finger lands."""

@@ -127,7 +127,8 @@ def test_prepared_recordings_are_kept_and_make_the_same_model(
 def test_interrupted_training_continues_with_the_same_command_only(
     eve, tmp_path, train, refuse, monkeypatch, capsys
 ):
-    step, left = Trainer.step, iter(range(1))
+    step = Trainer.step
+    left = iter(range(1))
 
     def step_once(*args) -> None:
         if next(left, None) is None:
@@ -186,7 +187,8 @@ def test_stages_after_the_last_step_show_how_far_they_are(
 def test_stopped_training_keeps_the_best_weights_and_can_be_continued(
     eve, tmp_path, monkeypatch, capsys
 ):
-    step, left = Trainer.step, iter(range(3))
+    step = Trainer.step
+    left = iter(range(3))
 
     def step_thrice(*args) -> None:
         if next(left, None) is None:
@@ -218,7 +220,8 @@ def test_training_starts_from_the_weights_of_a_model(eve, tmp_path, train):
     words += ("--train.network.width", 8, "--train.network.layers", 2)
     words += ("--train.network.channels", 32, "--train.rate", "1e-9")
     train(eve, *words)
-    trained, start = load_model(tmp_path / "m"), load_model("ur5")
+    trained = load_model(tmp_path / "m")
+    start = load_model("ur5")
     assert trained.card.training["start"] == "ur5"
     assert trained.card.network.width == start.card.network.width
     name = "encoder.embed.weight"
@@ -258,7 +261,8 @@ def test_model_is_kept_elsewhere_and_readable_if_its_disk_is_full(
 def test_options_change_the_model_and_are_in_its_card(
     data, eve, tmp_path, train, capsys
 ):
-    cards, weights = {}, {}
+    cards = {}
+    weights = {}
     for name, options in {
         "plain": (),
         "seed": ("--seed", "2"),
@@ -268,7 +272,8 @@ def test_options_change_the_model_and_are_in_its_card(
     }.items():
         result, _ = train(eve, "--out", tmp_path / name, *options)
         model = load_model(tmp_path / name)
-        cards[name], weights[name] = model.card, model.weights
+        cards[name] = model.card
+        weights[name] = model.weights
     plain = weights["plain"]
     for name in ("seed", "skins"):
         assert any((weights[name][key] != plain[key]).any() for key in plain)
@@ -293,7 +298,8 @@ def test_shear_is_used_if_all_skins_have_it_unless_it_is_turned_off(tmp_path, tr
 
 
 def test_truncated_recording_is_used_up_to_the_cut_and_named(ann, tmp_path, train):
-    half, data = tmp_path / "half.mcap", ann.read_bytes()
+    half = tmp_path / "half.mcap"
+    data = ann.read_bytes()
     half.write_bytes(data[: len(data) * 3 // 4])
     _, out = train(half, "--out", tmp_path / "m")
     assert "half.mcap is cut or damaged" in " ".join(out.split())
@@ -306,7 +312,8 @@ def test_invalid_input_is_refused_and_nothing_is_written(ann, tmp_path, refuse):
     start.write_bytes(ann.read_bytes()[:200])
     text = tmp_path / "text.mcap"
     text.write_text("no recording")
-    gone, empty = tmp_path / "gone", tmp_path / "empty"
+    gone = tmp_path / "gone"
+    empty = tmp_path / "empty"
     empty.mkdir()
     quiet = record(tmp_path / "quiet.mcap", (), calibrated=True)
     one = record(tmp_path / "one.mcap", ["hold"], calibrated=True)

@@ -48,8 +48,10 @@ def make_trajectory(goal):
 @settings(max_examples=12, deadline=None)
 @given(motions)
 def test_trajectory_keeps_limits_and_integrates_its_velocity(motions):
-    trajectory, share = Trajectory(np.zeros(JOINTS)), 1.0
-    q, velocity = [trajectory.q], [trajectory.velocity]
+    trajectory = Trajectory(np.zeros(JOINTS))
+    share = 1.0
+    q = [trajectory.q]
+    velocity = [trajectory.velocity]
     for kind, value in [*motions, ("wait", 0.2)]:
         if kind == "go":
             trajectory.go_to(np.array(value))
@@ -59,7 +61,8 @@ def test_trajectory_keeps_limits_and_integrates_its_velocity(motions):
             trajectory.advance(FINE, share)
             q.append(trajectory.q)
             velocity.append(trajectory.velocity)
-    q, velocity = np.array(q), np.array(velocity)
+    q = np.array(q)
+    velocity = np.array(velocity)
     assert np.abs(velocity).max() <= CONFIG.speed * (1 + 1e-9)
     limit = CONFIG.max_acceleration * FINE
     assert np.abs(np.diff(velocity, axis=0)).max() <= limit * (1 + 1e-6) + 1e-8
@@ -70,7 +73,8 @@ def test_trajectory_keeps_limits_and_integrates_its_velocity(motions):
 @settings(max_examples=12, deadline=None)
 @given(goals, st.floats(0.0, 1.0), st.floats(0.01, 3.0))
 def test_trajectory_is_independent_of_time_steps(goal, share, seconds):
-    whole, parts = make_trajectory(goal), make_trajectory(goal)
+    whole = make_trajectory(goal)
+    parts = make_trajectory(goal)
     whole.advance(seconds, share)
     for _ in range(50):
         parts.advance(seconds / 50, share)
@@ -172,7 +176,8 @@ def test_arm_cycles_through_waypoints_and_delivers_parts(arm):
 
 
 def test_task_keeps_clear_of_robot_and_table_with_tool_down():
-    robot, constants = load_robot("ur5"), load_constants()
+    robot = load_robot("ur5")
+    constants = load_constants()
     solids = build_collision_model(robot, 0.005)
     waypoints = [np.array(waypoint.q) for waypoint in FRAME_TASK.waypoints]
     lines = [np.linspace(a, b, 50) for a in waypoints for b in waypoints]
@@ -290,7 +295,8 @@ def test_part_dropped_on_the_way_is_not_delivered(arm):
 
 def test_past_positions_are_interpolated(arm):
     arm.clock.sleep(1.0)
-    q, stamp = arm.q_at(arm.clock.now()), arm.clock.now()
+    q = arm.q_at(arm.clock.now())
+    stamp = arm.clock.now()
     arm.clock.sleep(0.1)
     later = arm.q_at(arm.clock.now())
     assert np.array_equal(arm.q_at(stamp), q)

@@ -90,10 +90,12 @@ def test_inertias_of_ur5_are_those_of_uniform_cylinders():
     )
     given.compiler.fusestatic = uniform.compiler.fusestatic = False
     uniform.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    uniform, given = uniform.compile(), given.compile()
+    uniform = uniform.compile()
+    given = given.compile()
     masses = []
     for link in load_robot("ur5").link_names[1:-1]:
-        alike, ours = uniform.body(link), given.body(link)
+        alike = uniform.body(link)
+        ours = given.body(link)
         wanted = inertia_tensor(alike) * ours.mass / alike.mass
         tolerance = 1e-3 * np.abs(wanted).max()
         np.testing.assert_allclose(inertia_tensor(ours), wanted, atol=tolerance)
@@ -143,7 +145,8 @@ def test_paused_arm_rests_where_kinematic_arm_does(arm):
 def joint_torques(q, force):
     """Return what a force on the forearm turns each joint by [Nm], by virtual work."""
     robot = load_robot("ur5")
-    kinematics, index = Kinematics(robot), robot.link_index(LINK)
+    kinematics = Kinematics(robot)
+    index = robot.link_index(LINK)
     steps = 1e-6 * np.eye(6)
     ends = [kinematics.poses(q + sign * steps)[:, index] for sign in (1, -1)]
     ahead, behind = (apply(T, np.tile(ELBOW_TO_WRIST, (6, 1))) for T in ends)
@@ -210,7 +213,8 @@ def test_dynamics_are_independent_of_queries():
 
 
 def test_kinematic_arm_ignores_pushes():
-    arm, other = make_arm(dynamic=False), make_arm(dynamic=False)
+    arm = make_arm(dynamic=False)
+    other = make_arm(dynamic=False)
     push(arm, 600.0, seconds=3.0)
     arm.unlock()
     other.clock.sleep(3.0)
@@ -240,7 +244,8 @@ def test_standing_arm_yields_to_poke_on_its_skin(arm):
     taxel = skin.mounted.skin.find_taxels("forearm_front")[200]
     place = LinkPoint(LINK, skin.mounted.skin.positions[taxel])
     touch = skin.hand.poke(place, 30.0, 0.5)
-    yielded, forces = 0.0, [0.0]
+    yielded = 0.0
+    forces = [0.0]
     while touch in skin.hand.touching:
         yielded = max(yielded, np.abs(source.read().q - stood).max())
         forces += [np.linalg.norm(wrench.force_link) for wrench in skin.wrenches]
@@ -252,7 +257,8 @@ def test_standing_arm_yields_to_poke_on_its_skin(arm):
 
 
 def test_touches_of_demonstration_push_arm(monkeypatch):
-    forces, apply_wrenches = [0.0], DynamicPlant.apply_wrenches
+    forces = [0.0]
+    apply_wrenches = DynamicPlant.apply_wrenches
 
     def record(plant, wrenches):
         forces.extend(np.linalg.norm(wrench.force_link) for wrench in wrenches)
@@ -271,7 +277,8 @@ def test_resume_button_ends_protective_stop(stopped_arm):
 
 
 def test_simulated_user_unlocks_arm_before_touching(stopped_arm):
-    arm, skin = stopped_arm, InteractiveSkin()
+    arm = stopped_arm
+    skin = InteractiveSkin()
     commands = load_commands(None, VOCABULARY, skin.mounted.skin)
     user = SimulatedUser(skin, arm, commands, 0, SimulatedUserConfig(first=0.1))
     while not skin.hand.touching:

@@ -44,7 +44,8 @@ def draw_direction(rng):
 
 def pass_time(arm, seconds):
     """Return the states of an arm, simulated or UR, while time passes."""
-    states, step = [], 0.01 if isinstance(arm, SimulatedArm) else 0.008
+    states = []
+    step = 0.01 if isinstance(arm, SimulatedArm) else 0.008
     for _ in range(round(seconds / step)):
         if isinstance(arm, SimulatedArm):
             arm.clock.sleep(step)
@@ -70,7 +71,8 @@ def make_paused_arm(kind="sim"):
 
 
 def test_jog_moves_tool_straight_by_step_and_arm_stays_paused(arm):
-    rng, target = np.random.default_rng(0), arm.state().target
+    rng = np.random.default_rng(0)
+    target = arm.state().target
     for _ in range(4):
         before = tool_pose(arm.state().q)
         step = 0.03 * draw_direction(rng)
@@ -175,7 +177,8 @@ def test_jog_out_of_reach_is_refused(direction):
 @given(st.integers(0, 2**32 - 1))
 def test_inverse_kinematics_solves_step_within_joint_limits(seed):
     rng = np.random.default_rng(seed)
-    q, step = rng.uniform(-3, 3, 6), 0.05 * draw_direction(rng)
+    q = rng.uniform(-3, 3, 6)
+    step = 0.05 * draw_direction(rng)
     found = DampedLeastSquaresIK(UR5, "tool0").solve_step(q, step)
     if found is None:
         return

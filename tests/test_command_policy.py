@@ -79,7 +79,8 @@ def test_function_that_moves_nothing_is_called_at_once(dances):
 @pytest.fixture
 def blocked():
     """A scene in which a stroke calls a function that blocks, and what ends that."""
-    over, errors = Event(), []
+    over = Event()
+    errors = []
 
     def block(arm, detection):
         over.wait()
@@ -128,7 +129,9 @@ def test_late_error_of_function_stops_stream(blocked):
 
 
 def test_watch_holds_arm_whatever_blocks_the_policy():
-    scene, taken, over = Scene(), Event(), Event()
+    scene = Scene()
+    taken = Event()
+    over = Event()
 
     def block():
         with scene.policy.lock:
@@ -147,10 +150,12 @@ def test_watch_holds_arm_whatever_blocks_the_policy():
 @pytest.mark.parametrize("gesture", ["none", "poke", "double_pat", "grab"])
 def test_after_its_queue_has_overflowed_policy_is_as_before(gesture):
     scene = Scene()
-    queue, on_message = BoundedQueue(2, Policy.drop), scene.policy.on_message
+    queue = BoundedQueue(2, Policy.drop)
+    on_message = scene.policy.on_message
     scene.policy.on_message = queue.put
     scene.touch(gesture)
-    other, heir = scene.begin(gesture), scene.begin()
+    other = scene.begin(gesture)
+    heir = scene.begin()
     scene.wait(0.1)
     scene.lift(other)
     scene.close(other, heir)
@@ -170,7 +175,8 @@ def test_after_its_queue_has_overflowed_policy_is_as_before(gesture):
 
 
 def test_thread_holds_arm_without_readings():
-    clock, events = ManualClock(), []
+    clock = ManualClock()
+    events = []
     arm = RecordingArm(clock)
     policy = Policy(arm, DEFAULT, VOCABULARY)
     policy.start(Context(INFO, clock, events.append))

@@ -586,7 +586,8 @@ class Story:
             elif word == "one":
                 touch.taxels = touch.taxels[:1]
             elif word == "again":
-                touch.onset, touch.pressed = self.scene.clock.now() + PERIOD, True
+                touch.onset = self.scene.clock.now() + PERIOD
+                touch.pressed = True
             elif word == "elsewhere":
                 touch.taxels = SKIN.find_taxels(OTHER_PATCH.id)[:4]
             elif word == "nowhere":
@@ -627,7 +628,8 @@ class Story:
 
     def compare(self, decisions):
         """Compare the decisions since the last comparison."""
-        events, self.seen = self.scene.events[self.seen :], len(self.scene.events)
+        events = self.scene.events[self.seen :]
+        self.seen = len(self.scene.events)
         got = [(event.accepted, event.action) for event in events]
         wanted = re.findall(r"(!?)(\w+)(?: \[(.*?)\])?", decisions)
         assert got == [(not refused, action) for refused, action, _ in wanted], [

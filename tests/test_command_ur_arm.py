@@ -178,12 +178,14 @@ def test_robot_that_does_not_follow_is_held():
 )
 def test_number_that_is_not_finite_holds_arm(numbers):
     arm, link = make_ur_arm()
-    before, link.follows = link.status, False
+    before = link.status
+    link.follows = False
     link.status = replace(before, **numbers)
     pass_ur_time(arm, PERIOD)
     assert arm.state().hold_reason == f"lost connection: {NOT_FINITE}"
     assert np.isfinite(pass_ur_time(arm, 1.0)).all() and not arm.state().moving
-    link.status, link.follows = before, True
+    link.status = before
+    link.follows = True
     assert (pass_ur_time(arm, 1.0) == before.q).all()
     with pytest.raises(ArmError, match="not reached"):
         UrArm(StubLink(replace(WELL, **numbers)), clock=ManualClock(), threaded=False)
@@ -195,7 +197,8 @@ def test_arm_that_was_pushed_away_stays_there(distance):
     arm.pause()
     pass_ur_time(arm, 0.5)
     pushed = np.array(link.status.q) + distance
-    link.status, link.follows = replace(link.status, q=tuple(pushed)), False
+    link.status = replace(link.status, q=tuple(pushed))
+    link.follows = False
     pass_ur_time(arm, PERIOD)
     link.follows = True
     assert np.allclose(pass_ur_time(arm, 1.0), pushed)

@@ -175,7 +175,8 @@ def test_failed_attempt_has_reason(recognised, commands, failure):
 
 
 def test_user_leaves_paused_arm_alone_for_second():
-    arm, skin = SimulatedArm(clock=ManualClock(SECOND)), InteractiveSkin()
+    arm = SimulatedArm(clock=ManualClock(SECOND))
+    skin = InteractiveSkin()
     commands = load_commands(None, VOCABULARY, skin.mounted.skin)
     user = SimulatedUser(skin, arm, commands, 0, SimulatedUserConfig(first=0.1))
     arm.pause()
@@ -192,7 +193,8 @@ def answer_question(seed):
 
     The arm asks because of a grab, and its question is over after a second.
     """
-    arm, skin = SimulatedArm(clock=ManualClock(SECOND)), InteractiveSkin()
+    arm = SimulatedArm(clock=ManualClock(SECOND))
+    skin = InteractiveSkin()
     commands = load_commands(None, VOCABULARY, skin.mounted.skin)
     question = Mock(Question, answer="poke", asked_at=ASKED_AT)
     asked: list[Question | None] = [question]
@@ -228,7 +230,8 @@ def test_people_answer_in_time_and_a_few_forget_or_make_another_gesture():
 
 
 def test_user_leaves_stopped_arm_alone_for_five_seconds_after_failed_question():
-    arm, skin = SimulatedArm(clock=ManualClock(SECOND)), InteractiveSkin()
+    arm = SimulatedArm(clock=ManualClock(SECOND))
+    skin = InteractiveSkin()
     commands = load_commands(None, VOCABULARY, skin.mounted.skin)
     asked = [Mock(Question)]
     config = SimulatedUserConfig(first=0.1)
@@ -276,7 +279,8 @@ def test_people_make_gestures_for_which_the_map_has_a_rule():
 
 def test_people_press_the_button_where_no_gesture_ends_a_stop():
     clock = ManualClock(SECOND)
-    arm, skin = SimulatedArm(clock=clock), InteractiveSkin()
+    arm = SimulatedArm(clock=clock)
+    skin = InteractiveSkin()
     user = SimulatedUser(skin, arm, make_map(poke="pause"), config=EAGER)
     user.next_touch = SECOND
     arm.pause()
@@ -350,11 +354,9 @@ def test_invalid_option_is_refused_in_one_line(words, part, capsys):
 
 
 def test_orders_of_page_touch_skin_and_pause_arm():
-    arm, skin, choice = (
-        SimulatedArm(clock=ManualClock()),
-        InteractiveSkin(),
-        SkinChoice(),
-    )
+    arm = SimulatedArm(clock=ManualClock())
+    skin = InteractiveSkin()
+    choice = SkinChoice()
     handler = PageOrderHandler(skin, arm, choice=choice)
     taxel = int(skin.mounted.skin.find_taxels("forearm_front")[200])
     place = tuple(skin.mounted.skin.positions[taxel].tolist())
@@ -396,7 +398,8 @@ def test_clicks_of_page_play_task_of_the_paper():
         return arm.state()
 
     assert click("poke").paused
-    grip, target = arm.state().gripper, arm.state().target
+    grip = arm.state().gripper
+    target = arm.state().target
     assert click("grab").gripper != grip
     assert click("grab").gripper == grip
     assert click("double_pat").target != target
@@ -406,7 +409,8 @@ def test_clicks_of_page_play_task_of_the_paper():
 
 
 def test_simulated_time_waits_for_readings_that_are_processed_too_slowly():
-    host, processed = ManualClock(SECOND), [SECOND]
+    host = ManualClock(SECOND)
+    processed = [SECOND]
     clock = WaitingClock(host)
     clock.latest = lambda: processed[0]
     host.sleep(0.1)
@@ -427,8 +431,10 @@ def test_flawless_build_is_a_fresh_one_without_defects():
 
 
 def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():
-    clock, events = ManualClock(SECOND), []
-    arm, skin = SimulatedArm(clock=clock), InteractiveSkin("ur5", 1, loses=False)
+    clock = ManualClock(SECOND)
+    events = []
+    arm = SimulatedArm(clock=clock)
+    skin = InteractiveSkin("ur5", 1, loses=False)
     model = load_model("ur5")
     vocabulary = model.card.vocabulary
     commands = load_commands(None, vocabulary, skin.mounted.skin)

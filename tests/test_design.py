@@ -223,7 +223,8 @@ def test_saving_again_replaces_what_was_painted_and_keeps_what_was_there(
     robots, tmp_path
 ):
     before = SpecFile(regions=[RegionEntry(link="foot")])
-    spec, folder = tmp_path / "spec.yaml", tmp_path / "skin"
+    spec = tmp_path / "spec.yaml"
+    folder = tmp_path / "skin"
     draft = SpecDraft(spec, before, 0.5, robots["box"], folder)
     places = [(0.0, 0.0, 0.1 * n) for n in range(3)]
     orders = [PaintOrder(n, "body", p, 0.03, False) for n, p in enumerate(places)]
@@ -233,7 +234,8 @@ def test_saving_again_replaces_what_was_painted_and_keeps_what_was_there(
         painted, kept = draft.written.regions
         assert (painted.link, painted.density_per_cm2) == ("body", 0.5)
         assert len(painted.balls_mm) == count and kept == before.regions[0]
-    saved, draft.path = draft.written, tmp_path
+    saved = draft.written
+    draft.path = tmp_path
     assert draft.save(tuple(orders)).startswith("not saved: ")
     assert draft.written is saved
 
@@ -251,7 +253,8 @@ ELBOW = """<robot name="elbow">
 def test_skin_stays_clear_of_a_link_that_moves(tmp_path):
     path = tmp_path / "elbow.urdf"
     path.write_text(ELBOW)
-    robot, clearance = load_urdf(path), 5 * MM
+    robot = load_urdf(path)
+    clearance = 5 * MM
     regions = tuple(RegionSpec(LinkZone(name), 2e4) for name in ("upper", "lower"))
     limits = DesignLimits(clearance=clearance)
     design = design_skin(robot, DesignSpec("elbow", regions, (), limits))
@@ -404,7 +407,8 @@ def saved_tube(designs, tmp_path_factory):
 @pytest.mark.parametrize("name", ["tube", "ball"])
 def test_saved_map_is_that_of_the_design_both_ways(designs, saved_tube, written, name):
     """A cylinder and planes, and unrolled triangles."""
-    design, folder = designs[name], saved_tube if name == "tube" else written[1]
+    design = designs[name]
+    folder = saved_tube if name == "tube" else written[1]
     kinds = set()
     for patch, layout in zip(design.skin.patches, design.layouts, strict=True):
         path = folder / "patches" / f"{patch.id}.map.json"
@@ -412,7 +416,8 @@ def test_saved_map_is_that_of_the_design_both_ways(designs, saved_tube, written,
         link, surface = load_map(path)
         assert link == patch.link
         flat = layout.grid.unrolled()
-        points, same = layout.surface.wrap(flat), surface.wrap(flat)
+        points = layout.surface.wrap(flat)
+        same = surface.wrap(flat)
         for part in ("positions", "normals", "tangents", "area_scale"):
             np.testing.assert_allclose(
                 getattr(same, part), getattr(points, part), atol=1e-12
@@ -612,7 +617,8 @@ def test_patches_that_no_skin_may_have_are_refused(robots, monkeypatch):
 def test_distance_on_a_surface_is_its_geodesic(robots, name):
     """It is the arc on a sphere, and the helix on a cylinder."""
     rng = np.random.default_rng(3)
-    angle, z = rng.uniform(-1.5, 1.5, 12), rng.uniform(-0.05, 0.05, 12)
+    angle = rng.uniform(-1.5, 1.5, 12)
+    z = rng.uniform(-0.05, 0.05, 12)
     points = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), z])
     arcs = 0.04 * (angle[:3, None] - angle)
     expected = np.hypot(arcs, z[:3, None] - z)
@@ -654,11 +660,13 @@ def test_matrix_is_laid_on_the_surface_with_its_own_distances(
     shape, turn, tmp_path, capsys
 ):
     trimesh.creation.torus(0.06, 0.03, 48, 20).export(tmp_path / "torus.stl")
-    urdf, out = write_urdf(tmp_path, SHAPES[shape]), tmp_path / "skin"
+    urdf = write_urdf(tmp_path, SHAPES[shape])
+    out = tmp_path / "skin"
     words = ("skin", "place", urdf, "--link", "body", "--rows", 6, "--columns", 4)
     # A slow computer is told of the progress on stderr.
     code, text, _ = call(capsys, *words, "--pitch-mm", 5, "-o", out, *turn, "--json")
-    found, skin = json.loads(text.splitlines()[-1]), load_skin(out)
+    found = json.loads(text.splitlines()[-1])
+    skin = load_skin(out)
     assert code == 0
     grid = skin.positions.reshape(6, 4, 3)
     for axis in (0, 1):
@@ -672,7 +680,9 @@ def test_matrix_is_laid_on_the_surface_with_its_own_distances(
 
 def test_click_places_the_matrix_that_the_command_places(tmp_path, capsys):
     urdf = write_urdf(tmp_path, SHAPES["box"])
-    spec, folder, out = tmp_path / "spec.yaml", tmp_path / "skin", tmp_path / "same"
+    spec = tmp_path / "spec.yaml"
+    folder = tmp_path / "skin"
+    out = tmp_path / "same"
     draft = SpecDraft(spec, SpecFile(), None, load_urdf(urdf), folder)
     orders = tuple(
         PaintOrder(n, "body", (0.04, 0.0, z), 0.04, False, (4, 5, 0.006))
@@ -684,12 +694,14 @@ def test_click_places_the_matrix_that_the_command_places(tmp_path, capsys):
     words = ("--link", "body", "--rows", 4, "--columns", 5, "--pitch-mm", 6)
     call(capsys, "skin", "place", urdf, *words, "--at", 40, 0, 0, "--out", out)
     # The later click on a link moves its matrix.
-    found, same = load_skin(str(folder)), load_skin(str(out))
+    found = load_skin(str(folder))
+    same = load_skin(str(out))
     assert np.array_equal(found.positions, same.positions)
 
 
 def test_matrices_of_other_patches_are_added_and_one_is_replaced(tmp_path, capsys):
-    urdf, out = write_urdf(tmp_path, SHAPES["tube"]), tmp_path / "skin"
+    urdf = write_urdf(tmp_path, SHAPES["tube"])
+    out = tmp_path / "skin"
 
     def place(patch, *more):
         words = ("skin", "place", urdf, "--link", "body", "--patch", patch)
@@ -776,7 +788,8 @@ keep_out:
 
 
 def test_command_reads_regions_and_keep_outs(tmp_path):
-    spec, out = tmp_path / "spec.yaml", tmp_path / "skin"
+    spec = tmp_path / "spec.yaml"
+    out = tmp_path / "skin"
     spec.write_text(SPEC.replace("tube,", f"{load_robot('tube').links[-1].name},"))
     command = ["skin", "design", "tube", "--out", str(out), "--spec", str(spec)]
     assert run(command) == 0

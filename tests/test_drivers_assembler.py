@@ -54,7 +54,8 @@ def test_every_scan_of_every_patch_is_received_once():
 
 @pytest.mark.parametrize("drift", [-1e-4, 1e-4, -0.01, -0.005, 0.01])
 def test_drift_and_jitter_do_not_put_two_scans_in_one_period(drift):
-    rng, module = np.random.default_rng(0), Module(drift=drift)
+    rng = np.random.default_rng(0)
+    module = Module(drift=drift)
     arrivals = [
         (arrived + round(rng.normal(0, 1) * MS), port, packet)
         for arrived, port, packet in module.stream(0, 10, phase=0.3)
@@ -97,7 +98,8 @@ def test_patch_that_is_late_is_said_and_used_again_in_time():
 @pytest.mark.parametrize("first", [-3, 3])
 def test_patch_on_the_edge_of_two_periods_keeps_its_phase(first):
     rng = np.random.default_rng(0)
-    module, arrivals = Module(0), []
+    module = Module(0)
+    arrivals = []
     for n in range(200):
         jitter = first if n < 10 else rng.uniform(-3, 3)
         # Every packet is equally late, so its stamp is that of its arrival.
@@ -111,7 +113,8 @@ def test_patch_on_the_edge_of_two_periods_keeps_its_phase(first):
 
 
 def test_complete_period_is_given_out_at_once():
-    run, ages = AssemblerRun(), []
+    run = AssemblerRun()
+    ages = []
     for arrived, port, packet in sorted(stream_all(0, 2), key=lambda item: item[0]):
         run.wait(arrived)
         run.push(packet, arrived, port)
@@ -295,7 +298,8 @@ def test_burst_of_five_fresh_scans_is_used_in_order():
 
 def test_patch_that_bursts_alone_delays_no_other():
     arrivals = burst_stream(Module(0)) + Module(1, serial=2).stream(0, 6, phase=0.4)
-    run, ages = AssemblerRun(), []
+    run = AssemblerRun()
+    ages = []
     for arrival in sorted(arrivals, key=lambda item: item[0]):
         before = len(run.scans)
         run.play([arrival], (arrival[0] - START) / SECOND)
@@ -310,7 +314,8 @@ def test_patch_that_bursts_alone_delays_no_other():
 
 @pytest.mark.parametrize("hours", [0.05, 0.5, 1.2, 3.0])
 def test_patch_is_received_after_any_silence(hours):
-    module, begin = Module(0), 3600 * hours
+    module = Module(0)
+    begin = 3600 * hours
     run = AssemblerRun().play(module.stream(0, 2), 2)
     # Scan numbers go on, by more than half of their span.
     module.scan += 40_000
@@ -332,7 +337,8 @@ def test_process_that_slept_long_goes_on_with_the_present():
 
 def test_process_that_slept_shortly_loses_nothing():
     arrivals = sorted(stream_all(0, 4), key=lambda item: item[0])
-    asleep, awake = START + 2 * SECOND, START + 2400 * MS
+    asleep = START + 2 * SECOND
+    awake = START + 2400 * MS
     run = AssemblerRun().play([a for a in arrivals if a[0] <= asleep], 2.0)
     for arrived, port, packet in arrivals:
         if asleep < arrived <= awake:

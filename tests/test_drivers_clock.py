@@ -25,7 +25,9 @@ class ClockRun:
     def __init__(self, error=0.0, **options):
         self.error = error
         self.clock = DeviceClock(**options)
-        self.lags, self.doubts, self.problems = {}, {}, {}
+        self.lags = {}
+        self.doubts = {}
+        self.problems = {}
         self.count = self.boot = self.content = 0
 
     def read_clock(self, time):
@@ -156,11 +158,14 @@ def test_patch_is_used_again_once_its_delay_is_over():
 def test_replay_is_no_reboot(first):
     run = ClockRun().send(0, 30)
     for n in range(first, first + 500):
-        time, made = n / 50, START + n * PERIOD
+        time = n / 50
+        made = START + n * PERIOD
         arrived = made - first * PERIOD + 31 * SECOND
         run.receive(run.read_clock(time), n, arrived, made, 100 + time)
     assert run.used(100, 200) == 0 and run.clock.problem == "replayed"
     # After a reboot its counts are not the same, at the same times.
-    run.boot, run.count, run.content = 42.0, 0, 1
+    run.boot = 42.0
+    run.count = 0
+    run.content = 1
     run.send(42, 45)
     assert run.used(42.2, 45) == 1 and run.clock.problem is None

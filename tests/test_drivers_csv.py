@@ -17,7 +17,8 @@ from eskin.errors import DeviceError
 from test_drivers_devices import COLUMNS, JSON, ROWS, format_line, matrix_skin
 from test_firmware import COMPILER, FIRMWARE, STRICT, run_program
 
-MS, SECOND = 1_000_000, 1_000_000_000
+MS = 1_000_000
+SECOND = 1_000_000_000
 COUNTS = [300 + 7 * n for n in range(ROWS * COLUMNS)]
 
 
@@ -27,14 +28,16 @@ def open_line(options="", missing=()):
     keep = np.delete(np.arange(skin.count), missing)
     fields = ("patch_index", "rows", "columns", "positions", "normals", "areas")
     parts = {name: getattr(skin, name)[keep] for name in (*fields, "tangents")}
-    form, skin = LineForm.parse(f"pad{options}"), replace(skin, **parts)
+    form = LineForm.parse(f"pad{options}")
+    skin = replace(skin, **parts)
     return MatrixLine(form, skin, 0)
 
 
 def read_lines(line, lines, period=20 * MS):
     """Return the samples of lines that arrive one a period."""
     line.deframer.push(b"\n")
-    samples, now = [], 0
+    samples = []
+    now = 0
     for each in lines:
         now += period
         line.empty_at = now - MS
@@ -550,7 +553,8 @@ def test_lines_that_lay_unread_are_not_used():
 @pytest.mark.parametrize("rate", [20, 50, 200])
 @pytest.mark.parametrize("in_pieces", [False, True])
 def test_lines_of_a_burst_are_stamped_when_they_were_made(rate, in_pieces):
-    line, errors = open_line(), []
+    line = open_line()
+    errors = []
     made = np.arange(1, 5 * rate) * SECOND // rate
     arrived = -(-made // (160 * MS)) * 160 * MS
     for at in np.unique(arrived).tolist():
@@ -574,7 +578,8 @@ def test_lines_of_a_burst_are_stamped_when_they_were_made(rate, in_pieces):
 )
 def test_lines_are_found_however_bytes_are_cut(parts, size):
     data = b"".join(part + end for part, end in parts)
-    whole, cut = LineDeframer(), LineDeframer()
+    whole = LineDeframer()
+    cut = LineDeframer()
     found = [
         line
         for at in range(0, len(data), size)

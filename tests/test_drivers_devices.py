@@ -42,7 +42,8 @@ from helpers.devices import calibration_of, mounted_small, small_skin
 
 pytestmark = pytest.mark.slow
 
-ROWS, COLUMNS = 6, 5
+ROWS = 6
+COLUMNS = 5
 RATE = 100
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -71,7 +72,8 @@ class Pad:
     """A matrix at a pseudo-terminal whose counts tell when they were sent."""
 
     def __init__(self, folder, timed):
-        self.path, self.timed = folder / "port", timed
+        self.path = folder / "port"
+        self.timed = timed
         # The first count of `encode_time` goes on as a time does.
         self.uri = f"csv:{self.path},time={'us' if timed else 'none'}"
         self.plug()
@@ -109,7 +111,8 @@ class Modules:
     """A server of one shear module whose counts tell when they were sent."""
 
     def __init__(self, folder, timed):
-        self.number, self.port = 0, 0
+        self.number = 0
+        self.port = 0
         self.plug()
         self.port = self.server.socket.getsockname()[1]
         self.uri = f"xela://127.0.0.1:{self.port}"
@@ -170,8 +173,11 @@ def format_message(number, now, counts, **changes):
 
 def play(device, seconds, begun, stop):
     """Send at the rate, with noise; once begun, unplug in the second quarter."""
-    rng, begin, first = random.Random(0), time.monotonic(), float("inf")
-    plugged, count = True, 0
+    rng = random.Random(0)
+    begin = time.monotonic()
+    first = float("inf")
+    plugged = True
+    count = 0
     while not stop.is_set():
         if begun.is_set():
             first = min(first, time.monotonic())
@@ -191,7 +197,8 @@ def play(device, seconds, begun, stop):
 
 def run_device(kind, timed, seconds, tmp_path, capsys, monkeypatch):
     """Record a device through `eskin run`; return its result and recording."""
-    begun, start = Flag(), TerminalPrinter.start
+    begun = Flag()
+    start = TerminalPrinter.start
 
     def note_start(printer, context):
         start(printer, context)
@@ -200,7 +207,8 @@ def run_device(kind, timed, seconds, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(TerminalPrinter, "start", note_start)
     skin = matrix_skin("shear" if kind is Modules else "pressure")
     save_skin(skin, tmp_path / "skin")
-    device, stop = kind(tmp_path, timed), Flag()
+    device = kind(tmp_path, timed)
+    stop = Flag()
     thread = Thread(target=play, args=(device, seconds, begun, stop))
     thread.start()
     words = ["--skin", tmp_path / "skin", "--robot-urdf", "table", "--seconds", seconds]
@@ -430,7 +438,8 @@ class Wire:
         return False
 
     def read(self):
-        data, self.data = self.data, b""
+        data = self.data
+        self.data = b""
         return self.deframer.push(data)
 
     def close(self):

@@ -321,7 +321,9 @@ def make_mutated_packets(count):
 
 
 def test_mutated_packets_have_one_outcome_each_and_break_nothing():
-    clock, count, stamps = ManualClock(10**18), 10_000, []
+    clock = ManualClock(10**18)
+    count = 10_000
+    stamps = []
     transport = ScriptedTransport(clock, make_mutated_packets(count))
     with open_device(transport, clock, rate=RATE) as source:
         while transport.coming:

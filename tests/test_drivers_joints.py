@@ -21,7 +21,8 @@ from helpers.touch import SECOND, START, calibration_of, one_link_robot
 ROBOT = load_robot("ur5")
 NAMES = list(ROBOT.joint_names)
 Q = [0.1, -0.2, 0.3, -0.4, 0.5, -0.6]
-HERE, THERE = ("127.0.0.1", 1), ("127.0.0.1", 2)
+HERE = ("127.0.0.1", 1)
+THERE = ("127.0.0.1", 2)
 MOUNTED = MountedSkin(SKIN, one_link_robot())
 
 
@@ -184,7 +185,8 @@ def test_invalid_address_of_joints_is_refused(uri, robot, part):
 
 
 def test_joints_are_given_once_and_only_where_a_source_has_none(capsys):
-    device, played = ("udp://127.0.0.1:1",), ("replay:a.mcap",)
+    device = ("udp://127.0.0.1:1",)
+    played = ("replay:a.mcap",)
     joints = "udp://127.0.0.1:9760"
     for command, part in (
         (RunCommand(device, joints=joints, q=(0.0,)), "--q"),

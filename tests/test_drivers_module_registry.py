@@ -10,8 +10,10 @@ from eskin.errors import SkinError
 from helpers.modules import SKIN, TAXELS, AssemblerRun, Module
 from helpers.touch import SECOND, START
 
-FIRST, OTHER = Module(serial=1), Module(serial=2)
-MISSHAPEN, TOO_SMALL = Module(serial=1, shape=(9, 9)), Module(taxels=TAXELS - 1)
+FIRST = Module(serial=1)
+OTHER = Module(serial=2)
+MISSHAPEN = Module(serial=1, shape=(9, 9))
+TOO_SMALL = Module(taxels=TAXELS - 1)
 
 
 def send_hellos(hellos, before=()):

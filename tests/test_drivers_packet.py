@@ -38,10 +38,15 @@ PAGE = (ROOT / "docs/protocol.md").read_text("utf-8")
 EXAMPLES = re.findall(r"Example `([a-z ]+)`(, framed)?:\n\n```\n(.*?)```", PAGE, re.S)
 VECTORS = json.loads((FOLDER / "protocol_v1.json").read_text("utf-8"))["vectors"]
 SECOND_VECTORS = json.loads((FOLDER / "protocol_v2.json").read_text("utf-8"))["vectors"]
-MIN_BYTES, MAX_BYTES, MAX_FRAME, MAX_COUNTS = 14, 1400, 1406, 691
+MIN_BYTES = 14
+MAX_BYTES = 1400
+MAX_FRAME = 1406
+MAX_COUNTS = 691
 
-U16, U32 = st.integers(0, 2**16 - 1), st.integers(0, 2**32 - 1)
-U64, I16 = st.integers(0, 2**64 - 1), st.integers(-(2**15), 2**15 - 1)
+U16 = st.integers(0, 2**16 - 1)
+U32 = st.integers(0, 2**32 - 1)
+U64 = st.integers(0, 2**64 - 1)
+I16 = st.integers(-(2**15), 2**15 - 1)
 TEXT = st.text(max_size=255).filter(lambda text: len(text.encode()) < 256)
 COUNTS = hnp.arrays(np.uint16, st.integers(0, MAX_COUNTS))
 PACKETS = st.one_of(
@@ -96,7 +101,8 @@ def test_encoded_packet_is_decoded(packet):
 def test_packet_of_version_2_is_decoded_with_and_without_seal(
     packet, key, challenge, counter
 ):
-    data, seal = encode_packet(packet, 2), SessionSeal(key, challenge)
+    data = encode_packet(packet, 2)
+    seal = SessionSeal(key, challenge)
     assert are_equal(decode_packet(data), packet) and not is_sealed(data)
     if len(data) > MAX_BYTES - 24:
         assert refusal(lambda data: seal.close(data, counter), data) == "length"
@@ -225,7 +231,8 @@ def make_packet(vector):
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["name"])
 def test_codec_agrees_with_the_vectors(vector):
-    packet, data = make_packet(vector), bytes.fromhex(vector["packet"])
+    packet = make_packet(vector)
+    data = bytes.fromhex(vector["packet"])
     framed = bytes.fromhex(vector["framed"])
     assert encode_packet(packet) == data
     if vector["kind"] == "data":
@@ -240,10 +247,13 @@ def test_codec_agrees_with_the_vectors(vector):
     "vector", SECOND_VECTORS, ids=lambda vector: f"2: {vector['name']}"
 )
 def test_codec_agrees_with_the_vectors_of_version_2(vector):
-    packet, data = make_packet(vector), bytes.fromhex(vector["packet"])
-    made, seal = encode_packet(packet, 2), vector["seal"]
+    packet = make_packet(vector)
+    data = bytes.fromhex(vector["packet"])
+    made = encode_packet(packet, 2)
+    seal = vector["seal"]
     if seal is not None:
-        key, challenge = bytes.fromhex(seal["key"]), bytes.fromhex(seal["challenge"])
+        key = bytes.fromhex(seal["key"])
+        challenge = bytes.fromhex(seal["challenge"])
         made = SessionSeal(key, challenge).close(made, seal["counter"])
         tag = blake2s(challenge + data[:-20], key=key, digest_size=16).digest()
         assert data[-20:-4] == tag
@@ -306,7 +316,8 @@ def test_example_of_the_page_is_the_vector_of_its_name(name, framed, block):
 
 def cut(stream, seed, max_size):
     """Return the bytes in chunks of random sizes."""
-    rng, chunks = random.Random(seed), []
+    rng = random.Random(seed)
+    chunks = []
     while stream:
         size = rng.randint(0, max_size)
         chunks.append(stream[:size])

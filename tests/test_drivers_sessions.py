@@ -44,7 +44,8 @@ from helpers.devices import (
 from helpers.modules import MS, SKIN, TAXELS, AssemblerRun, Module
 from helpers.touch import SECOND, START
 
-KEY, OTHER_KEY = bytes(range(32)), bytes(32)
+KEY = bytes(range(32))
+OTHER_KEY = bytes(32)
 COUNTS = np.arange(TAXELS).astype(np.int32)
 ALL = np.ones(TAXELS, bool)
 CHALLENGE = b"c" * 16
@@ -195,7 +196,8 @@ def test_reordered_packets_are_new_once_and_old_ones_never():
 
 @given(st.lists(st.integers(0, 3000), max_size=200))
 def test_window_accepts_each_counter_once(counters):
-    window, accepted = CounterWindow(), set()
+    window = CounterWindow()
+    accepted = set()
     for counter in counters:
         if window.add(counter) == "new":
             assert counter not in accepted
@@ -318,7 +320,8 @@ def test_key_file_is_read(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("over", ["udp", "serial"])
 def test_sealed_packets_are_assembled_over_a_transport(over):
-    skin, clock = small_skin(), HostClock()
+    skin = small_skin()
+    clock = HostClock()
     if over == "udp":
         transport = UdpTransport(clock, authenticated=True)
         port = UdpPort("127.0.0.1", transport.port)
@@ -356,7 +359,8 @@ def test_sealed_packets_are_assembled_over_a_transport(over):
     ],
 )
 def test_echo_bounds_the_clock_of_its_patch(port, sent, held, outcome, is_noted):
-    run, noted = AssemblerRun().play(Module(serial=1).stream(0, 1), 1), []
+    run = AssemblerRun().play(Module(serial=1).stream(0, 1), 1)
+    noted = []
     run.assembler.streams[0].clock.push_echo = lambda *times: noted.append(times)
     arrived = START + 2 * SECOND
     echo = Echo(0, 1, 123_456, 1, CHALLENGE, held)

@@ -33,7 +33,8 @@ DATA = [
 
 def read_until(transport, is_enough=bool):
     """Return the packets that come until there are enough."""
-    packets, end = [], time.monotonic() + PATIENCE
+    packets = []
+    end = time.monotonic() + PATIENCE
     while not is_enough(packets) and time.monotonic() < end:
         packets += transport.read(0.05)
     return packets
@@ -110,7 +111,8 @@ def test_packets_come_over_several_serial_ports(tmp_path):
 
 
 def test_port_is_opened_again_when_it_is_back(path):
-    kinds, end = [], time.monotonic() + PATIENCE
+    kinds = []
+    end = time.monotonic() + PATIENCE
     with plug_in(path) as line:
         transport = SerialTransport(HostClock(), [str(path)])
         os.write(line, encode_frame(DATA[0]) + b"half a frame")
@@ -215,7 +217,8 @@ def test_second_sender_of_a_patch_is_refused(udp):
 
 
 def test_patch_is_bound_to_its_sender_until_it_is_silent():
-    peers, now = PeerAddressFilter(), START
+    peers = PeerAddressFilter()
+    now = START
     # A damaged hello binds nobody.
     assert peers.admit(HELLO[:-1] + b"x", "b", now)
     assert peers.admit(HELLO, "a", now)

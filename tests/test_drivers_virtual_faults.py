@@ -101,7 +101,8 @@ def test_clocks_and_numbers_go_on_during_a_stall():
 )
 def test_module_that_comes_back_begins_anew(fault, sent, modules):
     _, packets, [found] = send(fault)
-    times, numbers = get_times(packets, 2), get_numbers(packets, 2)
+    times = get_times(packets, 2)
+    numbers = get_numbers(packets, 2)
     assert (found.count, len(times)) == (1, sent)
     assert times[25] == numbers[25] == 0
     assert len(get_times(packets)) == COUNT
@@ -175,7 +176,8 @@ def test_port_vanishes_with_its_last_patch_and_comes_back(tmp_path):
         with pytest.raises(serial.SerialException), open_line(port) as line:
             for _ in range(20_000):
                 line.read(1)
-        found, until = [], time.monotonic() + PATIENCE
+        found = []
+        until = time.monotonic() + PATIENCE
         while not found and time.monotonic() < until:
             try:
                 with open_line(port) as line:

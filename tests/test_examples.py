@@ -143,7 +143,8 @@ def test_ros2_subscriber_asks_again_for_a_type_that_does_not_come_in_time(domain
     example = SourceFileLoader("subscriber", str(EXAMPLES / ROS2_SUBSCRIBER))
     module = ModuleType("subscriber")
     example.exec_module(module)
-    answer, asked = module.get_types_for_typeid, []
+    answer = module.get_types_for_typeid
+    asked = []
 
     def answer_late(*arguments):
         asked.append(arguments)
@@ -152,7 +153,8 @@ def test_ros2_subscriber_asks_again_for_a_type_that_does_not_come_in_time(domain
         return answer(*arguments)
 
     module.get_types_for_typeid = answer_late
-    bus, node = Ros2Bus(Ros2Node()), Ros2Node()
+    bus = Ros2Bus(Ros2Node())
+    node = Ros2Node()
     bus.open((DETECTION,))
     found = module.discover_type(node.participant)
     assert "Detection_" in found.__name__ and len(asked) == 2

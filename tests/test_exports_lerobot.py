@@ -20,7 +20,8 @@ DROPPED = range(60, 75)
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
     """Two recordings of one skin, the first with a label, the second with a gap."""
-    folder, on = tmp_path_factory.mktemp("lerobot"), mounted()
+    folder = tmp_path_factory.mktemp("lerobot")
+    on = mounted()
     label = Label(START + 2 * SECOND, START + 3 * SECOND, "poke")
     press = [Press(2.3, 2.7, 65, 65)]
     record(folder / "a.mcap", on, scans(on, press, 50, 3.5), [label])
@@ -89,7 +90,8 @@ def test_gestures_are_numbers_that_the_skin_file_names(written):
     folder, _ = written
     skin = read_json(folder, "eskin.json")
     table = read_frames(folder, 0)
-    times, numbers = read_array(table, "timestamp"), table["annotation.gesture"]
+    times = read_array(table, "timestamp")
+    numbers = table["annotation.gesture"]
     named = [skin["gestures"][n] for n in numbers.to_pylist()]
     assert set(named) == {"none", "poke"}
     poked = times[np.array(named) == "poke"]

@@ -49,7 +49,8 @@ def write_limits(folder, **values):
 
 
 def test_loads_are_the_pressures_and_forces_that_press(path):
-    found, skin = measure(path), mounted().skin
+    found = measure(path)
+    skin = mounted().skin
     assert [load.gesture for load in found.loads] == ["<b>poke", ""]
     for load, press in zip(found.loads, PRESSES, strict=True):
         truth = [press.pressure(skin, t) for t in load.seconds.tolist()]
@@ -144,7 +145,8 @@ def test_command_tells_which_touches_are_above_limits(path, tmp_path, capsys):
 def test_limits_that_do_not_fit_are_refused_before_anything_is_written(
     path, tmp_path, capsys, values, part
 ):
-    limits, out = write_limits(tmp_path, **values), tmp_path / "a.html"
+    limits = write_limits(tmp_path, **values)
+    out = tmp_path / "a.html"
     assert_refused(capsys, "report", path, "--limits", limits, "--out", out, part=part)
     assert not out.exists()
 

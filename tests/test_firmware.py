@@ -160,7 +160,8 @@ class Patch:
 @pytest.fixture
 def start_patch(compile_program):
     """Return a function that starts a patch, with a key or without."""
-    program, started = compile_program(ROOT / "tests/data/session_main.c"), []
+    program = compile_program(ROOT / "tests/data/session_main.c")
+    started = []
 
     def start(*words):
         started.append(Patch(program, *words))
@@ -183,7 +184,8 @@ def judge_all(host, packets, now):
 
 
 def test_patch_with_key_opens_a_session_and_ends_it_without_requests(start_patch):
-    patch, clock = start_patch("key"), ManualClock(SECOND)
+    patch = start_patch("key")
+    clock = ManualClock(SECOND)
     host = HostSessions([0], clock, KEY)
     assert patch.call("s") == []
     verdicts, (opening,) = judge_all(host, patch.call("h"), SECOND)
@@ -213,7 +215,8 @@ def test_patch_with_key_opens_a_session_and_ends_it_without_requests(start_patch
 
 
 def test_patch_without_key_answers_with_its_clock(start_patch):
-    patch, host = start_patch(), HostSessions([0], ManualClock(SECOND))
+    patch = start_patch()
+    host = HostSessions([0], ManualClock(SECOND))
     verdicts, (opening,) = judge_all(host, patch.call("h"), SECOND)
     assert verdicts == [None] and len(patch.call("s")) == 1
     (echo,) = patch.receive(opening)
@@ -228,9 +231,11 @@ def reseal(packet):
 
 
 def test_any_counts_are_sent(send):
-    rng, wanted = random.Random(1), []
+    rng = random.Random(1)
+    wanted = []
     for _ in range(400):
-        share, size = rng.random(), rng.choice([0, 1, 120, 128, 254, 691])
+        share = rng.random()
+        size = rng.choice([0, 1, 120, 128, 254, 691])
         wanted.append(
             [
                 0 if rng.random() < share**8 else rng.randint(0, 65535)

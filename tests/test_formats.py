@@ -27,7 +27,8 @@ def test_header_of_a_recording_is_read(recording):
     assert (recording.robot_name, recording.joint_names) == ("table", ("a", "b"))
     notes = {"simulated": "true"}
     assert recording.metadata == Metadata("set", "ann", "morning", "five", notes)
-    skin, calibration = recording.skin, recording.calibration
+    skin = recording.skin
+    calibration = recording.calibration
     assert (skin.name, skin.count, skin.calibrated) == ("tiny", 6, True)
     assert skin.has_shear and skin.link_names == ("table",)
     assert [patch.id for patch in skin.patches] == ["grid"]
@@ -44,7 +45,8 @@ def test_header_of_a_recording_is_read(recording):
 
 def test_scans_of_a_recording_are_read(recording):
     assert (recording.count, recording.truncated) == (3, False)
-    arrays, numbers = recording.arrays(), np.arange(6)
+    arrays = recording.arrays()
+    numbers = np.arange(6)
     assert arrays.stamps.tolist() == STAMPS
     assert arrays.q.tolist() == [[0.5, 0.0], [0.5, -0.25], [0.5, -0.5]]
     assert arrays.shear is not None
@@ -67,7 +69,8 @@ def test_labels_detections_events_and_truth_of_a_recording_are_read(recording):
     assert (found.n_world, found.direction_world) == ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
     lost = EventRecord(STAMPS[1], "lost", "patch grid is lost", "grid", row=1)
     assert recording.events == (lost,)
-    names, place = ("poke", "tip", "table"), (0.25, -0.5, 0.0)
+    names = ("poke", "tip", "table")
+    place = (0.25, -0.5, 0.0)
     assert list(recording.truths()) == [
         TruthRecord(stamp, 7, *names, 1.5 + n, 2e-4, place)
         for n, stamp in enumerate(STAMPS)
@@ -80,7 +83,8 @@ def test_card_and_weights_of_a_model_are_read():
     assert (card.vocabulary, card.kind) == (("none", "poke", "stroke"), "pressure")
     sizes = ("width", "layers", "channels", "dropout", "slots")
     assert [getattr(card.network, size) for size in sizes] == [4, 1, 4, 0.125, 100]
-    graph, decision = card.graph, card.decision
+    graph = card.graph
+    decision = card.decision
     assert (graph.fixed, graph.live, graph.live_reach) == (6, 2, 0.03125)
     assert (decision.threshold, decision.least) == (0.75, 0.25)
     assert decision.thresholds == {"poke": 0.5}

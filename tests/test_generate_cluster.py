@@ -46,7 +46,8 @@ def cluster(monkeypatch):
 def test_set_of_a_cluster_that_loses_a_machine_has_the_same_bytes(cluster, tmp_path):
     whole, nodes = cluster
     generate(tmp_path / "alone", SETTINGS, factory=StandIn)
-    done, lost = [], []
+    done = []
+    lost = []
 
     def lose_one(count):
         done.append(count)

@@ -31,7 +31,8 @@ def test_command_prints_what_it_made(call_generate, tmp_path):
         code, out, err = call_generate(*words)
         assert (code, err) == (0, "")
         result = json.loads(out.splitlines()[-1])
-        seconds, rate = result.pop("seconds"), result.pop("clips_per_minute")
+        seconds = result.pop("seconds")
+        rate = result.pop("clips_per_minute")
         assert result == {"clips": 12, "made": made, "recordings": 2}
         assert rate * seconds == pytest.approx(60 * made, rel=0.2)
     assert len(list(tmp_path.glob("*.mcap"))) == 2

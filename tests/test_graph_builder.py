@@ -55,7 +55,8 @@ def test_graph_holds_pressure_now_and_one_reading_ago(name):
 
 
 def test_nodes_are_the_touch_now_and_before_and_their_neighbours():
-    before, now = bump(GRID.skin, (-0.02, 0, 0)), bump(GRID.skin, (0.01, 0, 0))
+    before = bump(GRID.skin, (-0.02, 0, 0))
+    now = bump(GRID.skin, (0.01, 0, 0))
     pressed = np.flatnonzero((before > 0) | (now > 0))
     around = GraphBuilder(GRID).geometry.fixed_neighbours[pressed]
     want = np.unique(np.concatenate([pressed, around[around >= 0]]))
@@ -90,7 +91,8 @@ def test_age_counts_from_when_a_taxel_became_active():
     wide, narrow = (bump(GRID.skin, (0, 0, 0), radius=r) for r in (0.025, 0.005))
     graphs = build_at(0.1 * np.arange(5), narrow, wide, wide, narrow, wide)
     ages = np.array([by_taxel(graph, "age") for graph in split_graphs(graphs)])
-    middle, edge = int(narrow.argmax()), int(np.flatnonzero(wide)[0])
+    middle = int(narrow.argmax())
+    edge = int(np.flatnonzero(wide)[0])
     np.testing.assert_allclose(ages[:, middle], [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-6)
     np.testing.assert_allclose(ages[:, edge], [0.0, 0.0, 0.1, 0.0, 0.0], atol=1e-6)
 
@@ -179,9 +181,11 @@ def test_positions_far_from_the_origin_keep_their_precision():
 def test_graph_does_not_depend_on_graphs_built_before():
     """A builder reuses its memory, which grows with the largest graph."""
     every = np.arange(ur5().skin.count)
-    few, load = every[:3], np.linspace(1, 9, len(every))
+    few = every[:3]
+    load = np.linspace(1, 9, len(every))
     drag = np.ones((len(every), 2), np.float32)
-    used, fresh = GraphBuilder(ur5()), GraphBuilder(ur5())
+    used = GraphBuilder(ur5())
+    fresh = GraphBuilder(ur5())
     for builder in (used, fresh):
         for step in range(2):
             builder.advance(reading_at(0.1 * step, load, FOLDED, drag), every)
@@ -191,8 +195,10 @@ def test_graph_does_not_depend_on_graphs_built_before():
 
 def test_active_taxels_may_come_twice_and_in_any_order():
     touch = touch_on_arm(shear=True)
-    one, other = GraphBuilder(touch.mounted), GraphBuilder(touch.mounted)
-    rng, earlier = np.random.default_rng(0), NONE
+    one = GraphBuilder(touch.mounted)
+    other = GraphBuilder(touch.mounted)
+    rng = np.random.default_rng(0)
+    earlier = NONE
     for reading in touch.readings:
         taxels = np.flatnonzero(reading.pressure)
         one.advance(reading, taxels)

@@ -92,9 +92,11 @@ def test_features_of_a_batch_are_those_of_each_graph(graphs, features):
 
 def feature(batch, name, floor=None):
     """Return a column of the summary; with a floor, without its logarithm."""
-    names, values = PRESSURE_SUMMARY, pressure_summary(batch)
+    names = PRESSURE_SUMMARY
+    values = pressure_summary(batch)
     if name in SHEAR_SUMMARY:
-        names, values = SHEAR_SUMMARY, shear_summary(batch)
+        names = SHEAR_SUMMARY
+        values = shear_summary(batch)
     assert values.shape == (batch.size, len(names))
     column = values[:, names.index(name)]
     return column if floor is None else np.expm1(column) * floor
@@ -120,7 +122,8 @@ def test_force_area_and_rates_are_in_newton_and_cm2():
 @pytest.mark.parametrize("third", [0.0, 1e-9, 1.0])
 def test_length_breadth_and_depth_are_exact_where_two_are_equal(third):
     """Six nodes on the principal axes, turned in any way."""
-    rng, variances = np.random.default_rng(0), np.array([4.0, third, third])
+    rng = np.random.default_rng(0)
+    variances = np.array([4.0, third, third])
     batch = to_float64(random_graph(rng, 6))
     batch = batch._replace(pressure=1 / batch.areas)
     axes = np.diag(np.sqrt(3 * variances))
@@ -165,7 +168,8 @@ def test_load_that_appears_or_ends_has_no_speed():
 
 def test_normals_agree_on_a_flat_patch_and_not_around_a_tube():
     """An image of the same pressures does not show the shape (the paper, Fig. 3)."""
-    sheet, tube = flat(rows=9, columns=15), rolled()
+    sheet = flat(rows=9, columns=15)
+    tube = rolled()
     image = np.where(abs(sheet.skin.positions[:, 1]) < 0.025, 20.0, 0.0)
     laid, wrapped = (make_scene(m, [image]).graphs() for m in (sheet, tube))
     assert np.array_equal(np.sort(laid.pressure), np.sort(wrapped.pressure))

@@ -60,14 +60,16 @@ def search_all(p_world, patch, rank, k, reach):
 def random_points(seed, nodes=80):
     """Return positions, patches and ranks."""
     rng = np.random.default_rng(seed)
-    patch, rank = rng.integers(0, 4, nodes), rng.permutation(nodes)
+    patch = rng.integers(0, 4, nodes)
+    rank = rng.permutation(nodes)
     return rng.uniform(0, 0.1, (nodes, 3)), patch, rank
 
 
 @pytest.mark.parametrize("k", [1, 4, 100])
 @pytest.mark.parametrize("reach", [0.005, 0.03, 1.0])
 def test_live_neighbours_are_the_nearest_of_other_patches(k, reach):
-    p_world, patch = ur5().place_taxels(FOLDED)[0][::9], ur5().skin.patch_index[::9]
+    p_world = ur5().place_taxels(FOLDED)[0][::9]
+    patch = ur5().skin.patch_index[::9]
     folded_arm = p_world, patch, np.arange(len(patch))[::-1].copy()
     for nodes in (random_points(0), random_points(1), folded_arm):
         found = find_live_neighbours(*nodes, k, reach)
@@ -77,7 +79,8 @@ def test_live_neighbours_are_the_nearest_of_other_patches(k, reach):
 @pytest.mark.parametrize(("far", "want"), [(0.0300004, [1, 2]), (0.0300006, [1, -1])])
 def test_reach_is_compared_in_whole_micrometres(far, want):
     p_world = np.array([[0.0, 0.0, 0.0], [0.029, 0.0, 0.0], [0.0, far, 0.0]])
-    patch, rank = np.array([0, 1, 1]), np.arange(3)
+    patch = np.array([0, 1, 1])
+    rank = np.arange(3)
     assert find_live_neighbours(p_world, patch, rank, 2, 0.03)[0].tolist() == want
 
 

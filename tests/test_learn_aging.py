@@ -49,10 +49,8 @@ def test_zero_aging_keeps_the_counts(recording):
 
 def test_a_dead_zone_only_lowers_counts(recording):
     insensitive = Aging(replace(UNCHANGED, unfelt=20.0), 0)
-    was, now = (
-        stack_counts(Aging(UNCHANGED, 0).transform_scans(recording)),
-        stack_counts(insensitive.transform_scans(recording)),
-    )
+    was = stack_counts(Aging(UNCHANGED, 0).transform_scans(recording))
+    now = stack_counts(insensitive.transform_scans(recording))
     assert (now <= was).all()
     assert (now < was).any()
 
@@ -89,7 +87,8 @@ def test_counts_stay_within_the_converter(recording):
 def test_a_dataset_holds_each_recording_on_every_skin(tmp_path):
     paths = generated(tmp_path / "set", clips=2)
     versions = [None, Aging(AgingConfig(), 0)]
-    alone, plain = prepare(paths), prepare(paths, transforms=versions)
+    alone = prepare(paths)
+    plain = prepare(paths, transforms=versions)
     packed = prepare(paths, transforms=versions, pack=tmp_path / "pack")
     assert len(plain.recordings) == len(plain.clips) == 2 * len(paths)
     own = plain.recording < len(paths)

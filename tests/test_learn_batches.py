@@ -118,7 +118,8 @@ def test_data_sets_with_a_share_have_it_and_the_others_the_rest(dataset):
         replace(one, metadata=replace(one.metadata, dataset=name))
         for one, name in zip(dataset.recordings, ("recorded", "others"), strict=True)
     )
-    mixed, shares = replace(dataset, recordings=recordings), {"recorded": 0.8}
+    mixed = replace(dataset, recordings=recordings)
+    shares = {"recorded": 0.8}
     sampler = build_sampler(mixed, ("none", "hold", "tap"), (0, 1), SLOTS, 0.0, shares)
     drawn = [sampler.draw_segment(1, rng(n)).recording for n in range(400)]
     assert np.mean(np.array(drawn) == 0) == pytest.approx(0.8, abs=0.06)

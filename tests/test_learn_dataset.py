@@ -227,7 +227,8 @@ def test_every_class_keeps_recordings_to_train_on():
 
 def test_graphs_on_disk_are_those_in_memory(tmp_path):
     rng = np.random.default_rng(0)
-    empty, sizes = create_empty_batch(6), ((3, 0, 8), (5, 1))
+    empty = create_empty_batch(6)
+    sizes = ((3, 0, 8), (5, 1))
     some, others = (random_graphs(rng, each) for each in sizes)
     batches = [empty, some, empty, others]
     assert_same(map_graphs(batches, tmp_path), join_graphs(batches))

@@ -238,7 +238,8 @@ def test_touch_of_largest_impulse_answers_for_a_clip(
 
 def test_touch_belongs_to_its_own_recording():
     clips = ((clip_at(0.0, "stroke"),), (clip_at(0.0), clip_at(2.0)))
-    times, sequence = [0.0, 0.1, 0.0, 0.1], [0, 0, 1, 1]
+    times = [0.0, 0.1, 0.0, 0.1]
+    sequence = [0, 0, 1, 1]
     dataset = loaded(times, sequence, [9.0, 9.0, 1.0, 1.0], clips, [0, 0, 1, 1])
     every = [(n, clip) for n, made in enumerate(clips) for clip in made]
     assert list(find_last_rows(dataset, every)) == [1, 3, -1]

@@ -107,7 +107,8 @@ def test_intervals_of_no_errors_still_have_a_width():
 
 
 def test_intervals_hold_the_truth_of_people_who_differ():
-    rng, inside = np.random.default_rng(1), 0
+    rng = np.random.default_rng(1)
+    inside = 0
     for _ in range(100):
         rates = rng.gamma(2.0, 2.0, 12)
         accidents = rng.poisson(rates).tolist()

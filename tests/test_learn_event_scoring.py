@@ -279,7 +279,8 @@ def test_overlapping_events_are_simultaneous():
 
 def test_people_have_tallies_and_f1_an_interval_over_them():
     events = make_sequence(["poke", "grab"])
-    good, bad = detect_each(events), detect_each(events, ["poke", "poke"])
+    good = detect_each(events)
+    bad = detect_each(events, ["poke", "poke"])
     streams = [make_stream(events, good), make_stream(events, bad, subject="bob")]
     result = score_events(streams, VOCABULARY)
     assert result.hours == pytest.approx(2.0)
@@ -295,7 +296,8 @@ def test_people_have_tallies_and_f1_an_interval_over_them():
 @st.composite
 def scenes(draw):
     """Draw events and detections within 8 s and 30 cm."""
-    times, places = st.floats(0, 8), st.floats(0, 0.3)
+    times = st.floats(0, 8)
+    places = st.floats(0, 0.3)
     gestures = st.sampled_from([*VOCABULARY, "rub", "squeeze"])
     kinds = st.sampled_from(["bump", "press", ""])
     answers = st.sampled_from([*VOCABULARY, "unknown"])
@@ -325,7 +327,8 @@ def test_order_of_events_and_detections_does_not_matter(scene, random):
 def test_every_event_and_detection_is_counted_once(scene):
     events, detections = scene
     result = score(events, detections)
-    total, place = result.total, result.names.index
+    total = result.total
+    place = result.names.index
     assert total.matched + total.missed == sum(e.gesture in GESTURES for e in events)
     assert total.matched + total.false == sum(d.gesture in GESTURES for d in detections)
     assert result.confusion[:-1].sum() == len(events)

@@ -95,7 +95,8 @@ def test_trace_gives_the_detections_made_live(tmp_path, calibrated, scene, closi
 
 
 def test_trace_decides_by_the_settings_of_the_model_unless_others_are_given(tmp_path):
-    on, model = mounted(), say_always("poke")
+    on = mounted()
+    model = say_always("poke")
     stream = scans(on, [Press(2.4, 2.9, 100, 100)], 25, 4)
     recording = read_recording(record(tmp_path / "a.mcap", on, stream))
     late = replace(model.card, decision=DecisionConfig(threshold=2.0))
@@ -152,7 +153,8 @@ def test_generated_streams_are_scored_from_end_to_end(stream_paths):
 def test_two_workers_trace_like_one_and_what_passes_between_processes_can(
     tmp_path, monkeypatch
 ):
-    on, model = mounted(), say_always("poke")
+    on = mounted()
+    model = say_always("poke")
     paths = []
     for index in range(2):
         stream = scans(on, [Press(2.3, 2.9, 100 + index, 100)], 25, 4.0)
@@ -166,7 +168,8 @@ def test_two_workers_trace_like_one_and_what_passes_between_processes_can(
     together = copy(list(trace_recordings(paths, copy(model), workers=2)))
     assert [traced.path for traced in together] == paths
     for one, other in zip(alone, together, strict=True):
-        found, expected = other.decide().detections, one.decide().detections
+        found = other.decide().detections
+        expected = one.decide().detections
         assert [d.record() for d in found] == [d.record() for d in expected]
 
 
@@ -183,7 +186,8 @@ def test_recording_is_a_stream_unless_it_is_a_generated_set_of_clips(
 
 
 def test_real_recording_is_scored_against_its_labels(tmp_path):
-    on, model = mounted(), say_always("poke")
+    on = mounted()
+    model = say_always("poke")
     stream = scans(on, [Press(2.3, 2.9, 100, 100)], 25, 4.0)
     path = record(tmp_path / "a.mcap", on, stream, [label(2.3, 2.9, "poke")])
     [traced] = trace_recordings([path], model)
@@ -215,7 +219,8 @@ def test_no_single_change_improves_the_decision_chosen(stream_paths):
     }
 
     def cost(score):
-        total, accidents = score.total, score.accidents.mistaken
+        total = score.total
+        accidents = score.accidents.mistaken
         return total.missed + config.false * total.false + config.accident * accidents
 
     others = [replace(chosen, **{name: v}) for name, vs in values.items() for v in vs]

@@ -23,7 +23,8 @@ from helpers.clips import START, generated
 from helpers.events import SECOND, make_truth, record_events
 from helpers.learning import label, record
 
-LEFT, RIGHT = np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.0])
+LEFT = np.array([-0.15, 0.0, 0.0])
+RIGHT = np.array([0.15, 0.0, 0.0])
 NAMES = {7: TouchLabel(7, "poke", "tip"), 3: TouchLabel(3, "rub", "palm")}
 
 
@@ -104,7 +105,8 @@ def identify(truth, centres, forces=None, first=0):
 
 
 NOWHERE = np.full(3, np.nan)
-NEAR, FAR = [0, 0, 0.99 * MAX_DISTANCE], [0, 0, 1.01 * MAX_DISTANCE]
+NEAR = [0, 0, 0.99 * MAX_DISTANCE]
+FAR = [0, 0, 1.01 * MAX_DISTANCE]
 
 
 @pytest.mark.parametrize(

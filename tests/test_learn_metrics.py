@@ -25,7 +25,8 @@ NAMES = ("none", "hold", "tap")
 
 
 def test_class_that_never_occurs_has_no_part_in_the_mean_f1():
-    truth, predicted = np.array([1, 1, 1, 2, 2]), np.array([1, 1, 2, 2, 0])
+    truth = np.array([1, 1, 1, 2, 2])
+    predicted = np.array([1, 1, 2, 2, 0])
     result = score_predictions(truth, predicted, NAMES)
     assert result.per_class["none"]["f1"] == 0.0
     assert result.macro_f1 == pytest.approx((0.8 + 0.5) / 2)
@@ -98,7 +99,8 @@ def test_copies_of_examples_in_one_cluster_do_not_narrow_the_interval(answers):
 
 def test_interval_depends_on_clusters_but_not_on_the_order_of_examples(answers):
     rng = np.random.default_rng(2)
-    cluster, order = rng.integers(12, size=80), rng.permutation(80)
+    cluster = rng.integers(12, size=80)
+    order = rng.permutation(80)
     one = bootstrap_difference(*answers, cluster=cluster.tolist())
     shuffled = [correct[order] for correct in answers]
     assert one == pytest.approx(

@@ -28,7 +28,8 @@ from helpers.live import record as record_scans
 
 pytestmark = pytest.mark.slow
 
-PIPELINE, GRAPH = PipelineConfig(), GraphConfig()
+PIPELINE = PipelineConfig()
+GRAPH = GraphConfig()
 
 
 def prepare_file(path, graph=GRAPH):
@@ -38,7 +39,8 @@ def prepare_file(path, graph=GRAPH):
 def assert_same_values(one: GraphBatch, other: GraphBatch) -> None:
     """Check that graphs are equal to the bit; whole numbers may be narrower."""
     for name in GraphBatch._fields:
-        a, b = getattr(one, name), getattr(other, name)
+        a = getattr(one, name)
+        b = getattr(other, name)
         assert np.array_equal(a, b), name
         assert a.dtype.kind == b.dtype.kind, name
         assert a.dtype == b.dtype or a.dtype.kind == "i", name
@@ -67,7 +69,8 @@ def test_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated, co
     on = MountedSkin(recording.skin, load_robot("table"))
     config = GraphConfig(fixed=5, live=2)
     pipeline = TouchPipeline(on, recording.calibration)
-    graphs, live = GraphStream(on, config), {}
+    graphs = GraphStream(on, config)
+    live = {}
     for scan in recording.scans():
         for key, graph in graphs.push(pipeline.push(scan)).items():
             live.setdefault(key, []).append((scan.stamp, graph))
@@ -98,7 +101,8 @@ def test_touch_that_was_never_confirmed_is_left_out(tmp_path):
 
 
 def test_each_sequence_of_a_clip_is_of_the_touch_that_was_made(simulated):
-    found, clips = prepare_file(simulated), read_clips(simulated)
+    found = prepare_file(simulated)
+    clips = read_clips(simulated)
     assert found.touches is not None
     assert len({touch.touch for touch in found.touches if touch}) == len(clips) > 0
     for number, touch in enumerate(found.touches):
@@ -136,7 +140,8 @@ def test_recording_without_touch_has_no_rows(tmp_path, real):
     quiet = prepare_file(record(tmp_path / "a.mcap", (), calibrated=True))
     assert (quiet.graphs.size, len(quiet.stamps), len(quiet.sequence)) == (0, 0, 0)
     save_prepared(tmp_path / "a.npz", quiet)
-    read, touched = load_prepared(tmp_path / "a.npz").graphs, prepare_file(real).graphs
+    read = load_prepared(tmp_path / "a.npz").graphs
+    touched = prepare_file(real).graphs
     assert_same(join_graphs([read, touched]), touched)
 
 

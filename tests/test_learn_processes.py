@@ -47,7 +47,9 @@ def train_in_two(patch, capsys, *words):
 
 
 def test_two_processes_give_the_weights_of_two_threads(folder, capsys, monkeypatch):
-    data, one, two = folder / "data", folder / "one.st", folder / "two.st"
+    data = folder / "data"
+    one = folder / "one.st"
+    two = folder / "two.st"
     words = (*TRAIN, data, "--out", two, "--pack", folder / "pack")
     with monkeypatch.context() as patch:
         (code, out, _), (other, said, error) = train_in_two(patch, capsys, *words)

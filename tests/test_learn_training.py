@@ -108,7 +108,8 @@ def test_a_trainer_uses_only_its_own_recordings(dataset):
         }
 
     assert trainer.held_out is not None
-    train, held = seen(trainer.batches.sampler), seen(trainer.held_out.sampler)
+    train = seen(trainer.batches.sampler)
+    held = seen(trainer.held_out.sampler)
     assert train | held == {0, 1, 3}
     assert not train & held
 
@@ -187,7 +188,8 @@ def test_training_changes_every_part_that_has_weights(dataset):
 
 def cut_after(trainer, steps, monkeypatch):
     """Let a trainer come to its end after so many more steps."""
-    step, left = trainer.step, iter(range(steps))
+    step = trainer.step
+    left = iter(range(steps))
 
     def or_cut(*args) -> None:
         if next(left, None) is None:
@@ -220,12 +222,14 @@ def test_training_resumed_at_any_step_gives_the_same_weights(
 
 def test_a_finished_training_is_not_resumed(dataset, tmp_path, monkeypatch):
     """Cut after its last step, while it is scored, say: at its end, or stopped."""
-    kept, losses = tmp_path / "m.training", [5.0, 2.0, 3.0, 4.0, 1.0, 1.0]
+    kept = tmp_path / "m.training"
+    losses = [5.0, 2.0, 3.0, 4.0, 1.0, 1.0]
     for most, epochs in ((9, 4), (4, 4), (2, 2)):
         config = replace(TINY, epochs=most, steps=1, patience=1, validation=0.25)
         found = []
         for _ in range(2):
-            trainer, left = Trainer(dataset, VOCABULARY, config), iter(losses)
+            trainer = Trainer(dataset, VOCABULARY, config)
+            left = iter(losses)
             monkeypatch.setattr(trainer, "validation_loss", lambda x=left: next(x))
             monkeypatch.setattr(training, "SAVE_PERIOD", -1.0)
             found.append(
@@ -346,7 +350,8 @@ def test_without_a_finite_loss_the_last_weights_stay():
 def test_training_stops_early_with_the_weights_of_its_best_epoch(dataset, monkeypatch):
     config = replace(TINY, epochs=9, steps=1, patience=1, validation=0.25)
     trainer = Trainer(dataset, VOCABULARY, config)
-    losses, seen = iter([5.0, 2.0, 3.0, 4.0, 1.0]), []
+    losses = iter([5.0, 2.0, 3.0, 4.0, 1.0])
+    seen = []
 
     def loss():
         seen.append(weights(trainer.network))
@@ -361,7 +366,8 @@ def test_training_stops_early_with_the_weights_of_its_best_epoch(dataset, monkey
 def test_regression_is_that_of_scikit_learn():
     """With weights; a class without examples and a constant statistic count nothing."""
     rng = np.random.default_rng(0)
-    x, labels = rng.normal(2.0, 3.0, (50, 6)), rng.integers(0, 3, 50)
+    x = rng.normal(2.0, 3.0, (50, 6))
+    labels = rng.integers(0, 3, 50)
     x[:, 5] = 1.0
     share = rng.uniform(0.5, 1.5, 50)
     share /= share.sum()
@@ -381,7 +387,8 @@ def test_regression_is_that_of_scikit_learn():
 def test_last_layer_is_the_mean_of_the_trained_one_and_the_regression(dataset, width):
     config = replace(TINY, network=replace(TINY.network, width=width))
     trainer = Trainer(dataset, VOCABULARY, config)
-    network, batches = trainer.network.eval(), trainer.batches
+    network = trainer.network.eval()
+    batches = trainer.batches
     with torch.no_grad():
         x, labels = draw_statistics(network, batches, 128, 4, np.random.default_rng(0))
         before = network.classify_statistics(x.float())
@@ -401,7 +408,8 @@ def test_closing_layer_adds_what_is_unexplained_at_ends_of_touches_to_the_open_o
 ):
     config = replace(TINY, network=replace(TINY.network, width=width))
     trainer = Trainer(dataset, VOCABULARY, config)
-    network, sampler = trainer.network.eval(), trainer.batches.sampler
+    network = trainer.network.eval()
+    sampler = trainer.batches.sampler
     rng = np.random.default_rng(0)
     trained = weights(network)
     x, labels, share = compute_closed_touches(network, sampler, rng)
@@ -429,7 +437,8 @@ def test_closing_layer_adds_what_is_unexplained_at_ends_of_touches_to_the_open_o
 
 def test_a_network_whose_statistics_are_not_finite_keeps_its_layers(dataset):
     trainer = Trainer(dataset, VOCABULARY, TINY)
-    network, sampler = trainer.network.eval(), trainer.batches.sampler
+    network = trainer.network.eval()
+    sampler = trainer.batches.sampler
     with torch.no_grad():
         network.summary_head.project.bias.fill_(torch.nan)
     fit_closing_layer(network, sampler, 0.1, np.random.default_rng(0))
@@ -463,7 +472,8 @@ def test_layers_are_fitted_on_training_recordings_alone(dataset, validation):
 def test_open_layer_is_kept_as_trained_where_the_regression_is_worse(dataset):
     trainer = Trainer(dataset, VOCABULARY, replace(TINY, validation=0.5, ridge=0.1))
     last = trainer.network.summary_head.classify.weight
-    trained, first = last.clone(), trainer.network.summary_head.project.weight.clone()
+    trained = last.clone()
+    first = trainer.network.summary_head.project.weight.clone()
     trainer.calibrated_loss = iter([2.0, 1.0]).__next__
     trainer.fit_open_layer()
     assert not torch.equal(last, trained)

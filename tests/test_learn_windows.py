@@ -24,7 +24,8 @@ SEEDS = range(4)
 
 def random_dataset(rng):
     """Sequences of random lengths and rates, from 5 Hz to 500 Hz."""
-    stamps, sequence = [], []
+    stamps = []
+    sequence = []
     for index in range(5):
         count = int(rng.integers(1, 60))
         period = int(rng.choice([2, 10, 33, 100, 200])) * 1_000_000
@@ -124,7 +125,8 @@ def test_stretching_scales_all_times_of_a_window_by_one_factor(seed):
     windows, graphs, slower, changed = stretched(0.3, seed)
     factor = factors(windows, graphs, slower, changed)
     was = graphs.select(slower.rows)
-    ago, ago_before = SLOTS - 1 - slower.slot, SLOTS - 1 - windows.slot[slower.rows]
+    ago = SLOTS - 1 - slower.slot
+    ago_before = SLOTS - 1 - windows.slot[slower.rows]
     np.testing.assert_allclose(ago, ago_before * factor, atol=0.501)
     node = factor[changed.graph_index]
     np.testing.assert_allclose(changed.age, was.age * node, rtol=1e-5)

@@ -24,7 +24,9 @@ class ConfigStandIn:
 
 class CameraStandIn:
     def __init__(self, config):
-        self.fps, self.height, self.width = None, None, None
+        self.fps = None
+        self.height = None
+        self.width = None
 
 
 @pytest.fixture

@@ -36,7 +36,9 @@ def decide(runs, config=None, step=STEP, change_ends=False, close=True):
     probability, and perhaps no contact.
     """
     decisions = DecisionFilter(VOCABULARY, config, change_ends)
-    found, stamp, touch = [], 0, touch_at(0)
+    found = []
+    stamp = 0
+    touch = touch_at(0)
     for run in runs.split(", "):
         readings, name, p, *lifted = run.split()
         for _ in range(int(readings)):
@@ -146,9 +148,11 @@ def test_threshold_of_an_unknown_gesture_is_refused():
 @pytest.mark.parametrize(("young", "want"), [(0.5, (1, "poke")), (0.95, (2, "stroke"))])
 def test_merged_touches_have_one_decision(young, old, want):
     """Touch 2 may be decided before it turns out to be a part of touch 1."""
-    decisions, found = DecisionFilter(VOCABULARY, DecisionConfig(**AT_ONCE)), []
+    decisions = DecisionFilter(VOCABULARY, DecisionConfig(**AT_ONCE))
+    found = []
     for n in range(10):
-        one, two = touch_at(STEP * n, 1), touch_at(STEP * n, 2)
+        one = touch_at(STEP * n, 1)
+        two = touch_at(STEP * n, 2)
         touches = (one, two) if n < 5 else (one,)
         closed = (replace(two, closed=True, merged_into=1),) if n == 5 else ()
         p = {1: share("poke", old if n > 5 else 0.5), 2: share("stroke", young)}
@@ -173,8 +177,10 @@ def test_touch_that_begins_with_a_merger_has_no_other_decision():
 @pytest.mark.parametrize("change_ends", [False, True])
 def test_closing_probabilities_count_when_a_touch_closes_and_never_before(change_ends):
     """On a skin that is not calibrated they are those at the last contact."""
-    unsure, certain = share("poke", 0.5), share("stroke", 0.9)
-    decisions, found = DecisionFilter(VOCABULARY, None, change_ends), []
+    unsure = share("poke", 0.5)
+    certain = share("stroke", 0.9)
+    decisions = DecisionFilter(VOCABULARY, None, change_ends)
+    found = []
     for n in range(30):
         closing = {1: certain if n < 20 else share("none", 0.9)}
         touch = touch_at(STEP * min(n, 19))
@@ -186,7 +192,8 @@ def test_closing_probabilities_count_when_a_touch_closes_and_never_before(change
 
 
 def test_what_is_certain_while_a_touch_is_open_does_not_wait_for_its_closing():
-    decisions, found = DecisionFilter(VOCABULARY, DecisionConfig(**AT_ONCE)), []
+    decisions = DecisionFilter(VOCABULARY, DecisionConfig(**AT_ONCE))
+    found = []
     for n in range(10):
         p = {1: share("poke", 0.9)}
         closing = {1: share("stroke", 0.9)}

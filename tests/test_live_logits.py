@@ -47,7 +47,8 @@ ALONE = [("ur5, arm moving", 0), ("shear", 0)]
 @pytest.mark.parametrize(("scene", "width"), [*((name, 8) for name in SCENES), *ALONE])
 def test_stream_gives_the_logits_of_the_offline_windows(scene, width, tmp_path):
     skin, kind, rate, lost = SCENES[scene]
-    on, net = mounted(*skin), network(kind, width=width)
+    on = mounted(*skin)
+    net = network(kind, width=width)
     model = model_of(net)
     stream = scans(on, two_hands(on), rate, 4.6, lost)
     path = record(tmp_path / "two.mcap", on, stream, [label(2.3, 3.2, "stroke")])
@@ -149,8 +150,10 @@ def choose_nodes(on, keys, rng):
 
 def test_sequences_do_not_depend_on_others_at_once_or_before():
     """Also where many begin at once, or one ends and begins again."""
-    on, rng = mounted(), np.random.default_rng(2)
-    model, count = model_of(network()), 17
+    on = mounted()
+    rng = np.random.default_rng(2)
+    model = model_of(network())
+    count = 17
     together = LogitStream(model, GraphBuilder(on))
     alone = {key: LogitStream(model, GraphBuilder(on)) for key in range(1, count + 1)}
     results = []

@@ -54,7 +54,8 @@ def test_features_of_any_graph_are_those_of_torch(
     sizes, seed, nodes, rest, kind, neighbours
 ):
     """Also with more nodes at rest, which the compiled network leaves out."""
-    rng, (net, live) = np.random.default_rng(seed), make_networks(kind, **sizes)
+    rng = np.random.default_rng(seed)
+    (net, live) = make_networks(kind, **sizes)
     graph = put_at_rest(rng, random_graph(rng, nodes, neighbours), rest)
     with torch.no_grad():
         [want] = net.embed(build_graph_tensors(graph, net.shear)).numpy()
@@ -64,8 +65,10 @@ def test_features_of_any_graph_are_those_of_torch(
 
 def test_features_of_a_large_graph_are_those_of_torch():
     """With more nodes and edges than there is memory for at first."""
-    rng, (net, live) = np.random.default_rng(5), make_networks()
-    small, large = random_graph(rng, 20), random_graph(rng, 300, neighbours=130)
+    rng = np.random.default_rng(5)
+    (net, live) = make_networks()
+    small = random_graph(rng, 20)
+    large = random_graph(rng, 300, neighbours=130)
     before = compute_features(live, small).copy()
     with torch.no_grad():
         [want] = net.embed(build_graph_tensors(large, net.shear)).numpy()

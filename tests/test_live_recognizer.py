@@ -123,11 +123,13 @@ def test_touch_that_stays_on_a_moving_link_has_no_direction():
 def test_readings_that_repeat_a_measurement_change_no_probability():
     """Every open touch has some at every reading, and closes in time."""
     on = mounted()
-    pipeline, compared = TouchPipeline(on, calibration_of(on.skin)), 0
+    pipeline = TouchPipeline(on, calibration_of(on.skin))
+    compared = 0
     recognizer = Recognizer(say_always("none"), on, None)
     found = []
     for scan in scans(on, [Press(2.4, 3.2, 65, 72, 40.0)], 12, 4.2):
-        reading, before = pipeline.push(scan).reading, {}
+        reading = pipeline.push(scan).reading
+        before = {}
         for n in range(4):
             stamp = reading.stamp + n * 20_000_000
             found += recognizer.push(replace(reading, stamp=stamp))
@@ -151,7 +153,8 @@ def make_stroke_on_arm():
     """Return a stroke along a patch of the ur5, and its first and last taxel."""
     on = mounted("ur5")
     taxels = on.skin.find_taxels(on.skin.patches[0].id)
-    a, b = taxels[0], taxels[len(taxels) // 2]
+    a = taxels[0]
+    b = taxels[len(taxels) // 2]
     return on, scans(on, [Press(2.4, 3.2, a, b, 40.0)], 25, 4.2), np.array([a, b])
 
 
@@ -168,7 +171,8 @@ def test_direction_is_in_the_pose_of_the_last_contact():
 
 
 def test_probabilities_of_open_touches_are_calibrated():
-    on, net = mounted(), network()
+    on = mounted()
+    net = network()
     cold = build_recognizer(on, model_of(net))
     warm = build_recognizer(on, model_of(net, temperature=2.0))
     at_once = []
@@ -188,7 +192,8 @@ def test_probabilities_of_open_touches_are_calibrated():
 
 def test_skin_without_calibration_has_one_detection_for_each_touch():
     on = mounted("grid", calibrated=False)
-    recognizer, found = build_recognizer(on, say_always("poke")), []
+    recognizer = build_recognizer(on, say_always("poke"))
+    found = []
     for scan in scans(on, two_hands(on), 20, 5.0):
         found += recognizer.push(scan)
         assert set(recognizer.logits) == {0}
@@ -212,7 +217,8 @@ def test_readings_are_recognised_as_their_scans():
 
 
 def test_model_for_shear_needs_shear():
-    model, on = model_of(network("shear")), mounted()
+    model = model_of(network("shear"))
+    on = mounted()
     with pytest.raises(SkinMismatchError, match="shear.*'grid'"):
         Recognizer(model, on, calibration_of(on.skin))
     on = mounted("grid", kind="shear")
@@ -223,7 +229,8 @@ def test_model_for_shear_needs_shear():
 
 def test_model_for_pressure_ignores_shear():
     on = mounted("grid", calibrated=False, kind="shear")
-    with_shear, without = build_recognizer(on), build_recognizer(on)
+    with_shear = build_recognizer(on)
+    without = build_recognizer(on)
     for scan in scans(on, [Press(2.3, 2.9, 65, 72, 6.0)], 20, 3.4):
         dragged = scan.shear + 60 * (scan.counts.max() > 40)
         with_shear.push(replace(scan, shear=dragged.astype(np.int32)))
@@ -233,9 +240,11 @@ def test_model_for_pressure_ignores_shear():
 
 def test_refused_scan_changes_nothing():
     on = mounted()
-    straight, disturbed = build_recognizer(on), build_recognizer(on)
+    straight = build_recognizer(on)
+    disturbed = build_recognizer(on)
     for scan in scans(on, two_hands(on), 20, 3.5):
-        want, found = straight.push(scan), disturbed.push(scan)
+        want = straight.push(scan)
+        found = disturbed.push(scan)
         assert to_records(found) == to_records(want)
         short = replace(scan, counts=scan.counts[:-1], received=scan.received[:-1])
         for bad in (short, scan, replace(scan, stamp=scan.stamp - 1)):
@@ -258,7 +267,8 @@ def test_finish_closes_open_touches_once():
 
 
 def test_recogniser_is_loaded_from_files_and_names(tmp_path):
-    path, on = tmp_path / "m.safetensors", mounted()
+    path = tmp_path / "m.safetensors"
+    on = mounted()
     model_of(network()).save(path)
     recognizer = eskin.Recognizer.load(path, "ur5")
     assert recognizer.mounted.skin.count == 2112
@@ -293,7 +303,8 @@ def blind_model(posed_model):
 @pytest.fixture(scope="module")
 def poses():
     """Make the same counts on wrist and arm folded, where they meet, open, moving."""
-    on, (wrist, arm) = mounted("ur5"), find_meeting_taxels()
+    on = mounted("ur5")
+    (wrist, arm) = find_meeting_taxels()
     presses = [Press(2.2, 2.8, wrist, wrist), Press(2.3, 2.8, arm, arm - 6, 40.0)]
     moving = scans(on, presses, 20, 3.6)
     still = [[replace(scan, q=q) for scan in moving] for q in (FOLDED, OPEN)]
@@ -302,7 +313,9 @@ def poses():
 
 def get_answers(model, stream):
     """Return the probabilities at every reading, and the detections without place."""
-    on, probabilities, found = mounted("ur5"), [], []
+    on = mounted("ur5")
+    probabilities = []
+    found = []
     recognizer = Recognizer(model, on, calibration_of(on.skin))
     for scan in stream:
         found += recognizer.push(scan)

@@ -37,7 +37,8 @@ def make_touches(mounted):
     """Return the last graph of each course of each shape."""
     across, along, z = mounted.skin.positions.T
     if mounted.skin.name == "rolled":
-        across, along = 0.03 * np.arctan2(along, across), z
+        across = 0.03 * np.arctan2(along, across)
+        along = z
     last = []
     for width, height in SHAPES:
         for course in COURSES.values():
@@ -73,17 +74,20 @@ def test_twice_the_density_hardly_changes_embeddings(make_skin):
 
 
 def test_reading_without_contact_is_embedded_as_zeros():
-    rng, net = np.random.default_rng(0), network("shear")
+    rng = np.random.default_rng(0)
+    net = network("shear")
     released = random_graph(rng, 9)._replace(pressure=np.zeros(9, np.float32))
     batch = join_graphs([random_graph(rng, 0), random_graph(rng, 9), released])
     assert embed(net, batch).any(axis=1).tolist() == [False, True, False]
 
 
 def test_windows_without_contact_or_readings_have_finite_logits_and_gradients():
-    rng, net = np.random.default_rng(2), network("shear").train()
+    rng = np.random.default_rng(2)
+    net = network("shear").train()
     released = random_graph(rng, 8)._replace(pressure=np.zeros(8, np.float32))
     batch = join_graphs([random_graphs(rng, (0, 0, 0, 8, 8, 8)), released])
-    window, slot = np.array([0, 0, 0, 1, 1, 1, 2]), np.array([0, 5, 99, 0, 5, 99, 99])
+    window = np.array([0, 0, 0, 1, 1, 1, 2])
+    slot = np.array([0, 5, 99, 0, 5, 99, 99])
     found = net(network_input(batch, window, slot, 4, True))
     assert found.shape == (4, 4)
     found.square().sum().backward()
@@ -96,9 +100,11 @@ def test_windows_without_contact_or_readings_have_finite_logits_and_gradients():
 
 @torch.no_grad()
 def test_logits_do_not_depend_on_the_batch_nor_its_order():
-    rng, net = np.random.default_rng(3), network("shear")
+    rng = np.random.default_rng(3)
+    net = network("shear")
     batch = random_graphs(rng, (5, 0, 12, 7, 3, 20))
-    window, slot = np.array([0, 0, 0, 1, 1, 1]), np.array([3, 50, 50, 98, 99, 99])
+    window = np.array([0, 0, 0, 1, 1, 1])
+    slot = np.array([3, 50, 50, 98, 99, 99])
 
     def classify(rows, windows):
         order = window[rows] % windows, slot[rows]
@@ -114,7 +120,8 @@ def test_logits_do_not_depend_on_the_batch_nor_its_order():
 def test_readings_in_one_slot_count_as_their_maximum():
     net = network()
     e = torch.randn(4, 26 + 2 * net.config.width)
-    window, slot = torch.tensor([0, 0, 0, 1]), torch.tensor([2, 2, 0, 1])
+    window = torch.tensor([0, 0, 0, 1])
+    slot = torch.tensor([2, 2, 0, 1])
     pooled = torch.stack([e[:2].amax(dim=0), e[2], e[3]])
     found = net.classify(e, SlotIndex(window, slot, 2))
     want = net.classify(pooled, SlotIndex(window[1:], slot[1:], 2))
@@ -131,12 +138,15 @@ def test_standardised_features_have_mean_zero_and_scale_one():
 
 
 def test_extreme_pressure_has_bounded_logits():
-    net, batch = network(), stroke_on_grid().graphs()
+    net = network()
+    batch = stroke_on_grid().graphs()
     loud = batch._replace(pressure=1e6 * batch.pressure)
     assert np.abs(logits(net, loud)).max() < 100
 
 
-SLOTS, INPUTS, CHANNELS = 100, 6, 8
+SLOTS = 100
+INPUTS = 6
+CHANNELS = 8
 
 
 def make_head(classes=4) -> TemporalHead:
@@ -159,7 +169,8 @@ def compute_statistics(head, e, present):
 @torch.no_grad()
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.6])
 def test_slots_without_a_reading_do_not_matter(share):
-    head, e = make_head(), torch.randn(5, SLOTS, INPUTS)
+    head = make_head()
+    e = torch.randn(5, SLOTS, INPUTS)
     present = (torch.rand(5, SLOTS) < share).float()
     other = torch.where(present[:, :, None] > 0, e, 1e3 * torch.randn_like(e))
     torch.testing.assert_close(head(other, present), head(e, present))
@@ -183,7 +194,8 @@ def test_statistics_of_a_steady_touch_do_not_depend_on_the_rate():
     for layer in (head.short, head.long):
         weight = layer.conv.weight.data
         weight.copy_(weight.mean(dim=2, keepdim=True).expand_as(weight))
-    e, present = torch.randn(INPUTS).expand(4, SLOTS, INPUTS), torch.zeros(4, SLOTS)
+    e = torch.randn(INPUTS).expand(4, SLOTS, INPUTS)
+    present = torch.zeros(4, SLOTS)
     for mask, slots in zip(
         present, (range(20, 100), range(60, 100), range(20, 100, 5), ()), strict=True
     ):

@@ -74,7 +74,8 @@ def list_edges(skin, batch):
     """Return every edge of each graph, by patch, row and column of its ends."""
     ids = [skin.patches[n].id for n in skin.patch_index]
     places = list(zip(ids, skin.rows.tolist(), skin.columns.tolist(), strict=True))
-    taxels, graphs = batch.taxels.tolist(), batch.graph_index.tolist()
+    taxels = batch.taxels.tolist()
+    graphs = batch.graph_index.tolist()
     return {
         (graphs[target], places[taxels[target]], places[taxels[source]])
         for target, sources in zip(batch.targets.tolist(), batch.sources, strict=True)
@@ -87,11 +88,9 @@ def list_edges(skin, batch):
 @pytest.mark.parametrize("shear", [False, True])
 def test_changed_scene_has_the_same_edges_and_logits(name, change, shear):
     """Also where neighbours are equally far: patch, row and column break ties."""
-    net, scene, batch = (
-        make_network(shear),
-        SCENES[name](shear),
-        make_graphs(name, shear),
-    )
+    net = make_network(shear)
+    scene = SCENES[name](shear)
+    batch = make_graphs(name, shear)
     edges = list_edges(scene.mounted.skin, batch)
     for seed in range(2):
         other = SCENE_CHANGES[change](scene, seed)
@@ -134,7 +133,8 @@ def enlarge_source_at_rest(batch):
     ],
 )
 def test_other_changes_change_the_embedding(name, change):
-    net, batch = make_network(True), to_float64(make_graphs(name))
+    net = make_network(True)
+    batch = to_float64(make_graphs(name))
     other = batch._replace(**change(batch))
     gap = embed(net, other, torch.float64) - embed(net, batch, torch.float64)
     assert np.abs(gap).max() > 1e-5

@@ -167,10 +167,12 @@ def do_ten_tasks(folder):
         assert all(len(scan.counts) == 192 for scan in islice(source, 5))
 
     # 4. A recording of one's own touches.
-    calibration, rng = nominal_calibration(skin), np.random.default_rng(0)
+    calibration = nominal_calibration(skin)
+    rng = np.random.default_rng(0)
     away = np.linalg.norm(skin.positions - skin.positions[100], axis=1)
     taps = [(7.0 + 3 * n, 7.5 + 3 * n) for n in range(6)]
-    path, second = folder / "taps.mcap", 10**9
+    path = folder / "taps.mcap"
+    second = 10**9
     origin = Metadata("taps", "me", "today")
     with eskin.RecordingWriter(path, "table", skin, calibration, origin) as writer:
         for number in range(50 * 24):
@@ -187,7 +189,8 @@ def do_ten_tasks(folder):
             writer.write_label(label)
 
     # 5. What is recognised in it, and when.
-    tapped, model = eskin.read_recording(path), eskin.load_model("ur5")
+    tapped = eskin.read_recording(path)
+    model = eskin.load_model("ur5")
     on = {"skin": tapped.skin, "robot": table, "calibration": tapped.calibration}
     recognizer = eskin.Recognizer.load("ur5", **on)
     found = [one for scan in tapped.scans() for one in recognizer.push(scan)]

@@ -181,7 +181,8 @@ def find_requirements(wanted, found):
 @pytest.mark.parametrize("name", ["", *EXTRAS])
 def test_lock_pins_all_that_the_core_and_each_extra_need(name):
     """From the package index alone: a version each, and no path or address."""
-    pins, found = read_pins(), {}
+    pins = read_pins()
+    found = {}
     find_requirements(f"eskin[{name}]" if name else "eskin", found)
     assert {key for key, _ in found} - {"eskin", "setuptools"} <= set(pins)
     for (key, _), requirement in found.items():

@@ -83,7 +83,8 @@ def becomes(pressed, count):
 
 
 def list_strangers(server):
-    token, cookie = f"{TOKEN}/", f"eskin-{server.get_port()}={TOKEN}"
+    token = f"{TOKEN}/"
+    cookie = f"eskin-{server.get_port()}={TOKEN}"
     origin = own_origin(server)
     return {
         "foreign origin": {"path": token, "origin": "http://evil.example"},

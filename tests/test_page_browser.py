@@ -47,7 +47,9 @@ if not CHROMIUM.exists():
 
 pytestmark = pytest.mark.slow
 
-RESTING, RING, PLACE = (150, 160, 172), (0, 90, 181), (231, 41, 138)
+RESTING = (150, 160, 172)
+RING = (0, 90, 181)
+PLACE = (231, 41, 138)
 """Colours of taxels at rest, and of rings around a contact and a place to press."""
 SCALE = 0.5
 """Rendered points per CSS pixel."""
@@ -99,7 +101,9 @@ class FedPage:
     """A page that gets updates, with its orders and the errors of its browser."""
 
     def __init__(self, browser, touchable=True):
-        self.orders, self.errors, self.content = [], [], {}
+        self.orders = []
+        self.errors = []
+        self.content = {}
         self.ending = threading.Event()
         self.process = PageProcess(make_setup(touchable), 0, self.orders.append)
         self.feeder = threading.Thread(target=self.feed)
@@ -116,7 +120,8 @@ class FedPage:
 
     def feed(self):
         """Give updates; each log entry only once."""
-        began, sent = time.monotonic(), None
+        began = time.monotonic()
+        sent = None
         while not self.ending.wait(0.1):
             content = dict(self.content)
             entries = content.pop("log_entries", ())
@@ -321,7 +326,8 @@ NO_SOUND = "() => { window.tones = 0; delete window.AudioContext; }"
 
 @pytest.mark.parametrize(("sound", "tones"), [(COUNT_TONES, 2), (NO_SOUND, 0)])
 def test_question_is_shown_across_the_scene_with_a_sound(page, sound, tones):
-    tab, widths = page.tab, []
+    tab = page.tab
+    widths = []
     page.errors.clear()
     tab.reload()
     tab.wait_for_selector("text=readings/s")
@@ -416,7 +422,8 @@ def test_page_guides_through_calibration(calibrated):
     viewer, tab = calibrated
     skin = mounted().skin
     pipeline = TouchPipeline(mounted(), Calibration.uniform(skin.count, 4095, 400.0))
-    counts, received = np.full(skin.count, 200, np.int32), np.ones(skin.count, bool)
+    counts = np.full(skin.count, 200, np.int32)
+    received = np.ones(skin.count, bool)
     stamps = iter(range(40_000_000, 10**18, 200_000_000))
 
     def show(board):
@@ -520,7 +527,8 @@ def touch_until_executed(visit, touch, line, condition):
     for _ in range(TRIES):
         if visit.demo.state["hold_reason"]:
             visit.press_resume()
-        before, count = visit.demo.state, visit.text().count(line)
+        before = visit.demo.state
+        count = visit.text().count(line)
         touch()
         if becomes(
             lambda before=before, count=count: (

@@ -108,7 +108,8 @@ def test_gesture_keeps_its_colour_beside_any_others():
 
 
 def test_resting_and_invalid_taxels_have_their_own_colours():
-    scale, valid = ColourScale(60.0), np.array([True, True, True, False])
+    scale = ColourScale(60.0)
+    valid = np.array([True, True, True, False])
     colours = scale.colours(np.array([0.0, 0.3, 200.0, 40.0]), valid)
     assert np.array_equal(colours[0], colours[1]) and tuple(colours[0]) == REST_COLOUR
     assert np.array_equal(colours[2], scale.table[-1])
@@ -126,7 +127,8 @@ def hand():
     """A hand that keeps its orders in `sent`, and its answers in `told`."""
     sent = []
     hand = MouseHand(make_setup(), sent.append)
-    hand.sent, hand.told = sent, []
+    hand.sent = sent
+    hand.told = []
     hand.tell = hand.told.append
     return hand
 
@@ -189,11 +191,13 @@ def test_click_beside_the_skin_is_answered_and_touches_nothing(hand, clicks, mod
     ],
 )
 def test_click_answers_a_question_at_once(hand, answer, mode, expected):
-    hand.mode, hand.answer = "stroke", answer
+    hand.mode = "stroke"
+    hand.answer = answer
     for number in range(2):
         hand.click(point(), 1.0 + FAST * number, mode)
     assert kinds(hand) == expected
-    hand.mode, hand.answer = "poke", None
+    hand.mode = "poke"
+    hand.answer = None
     hand.click(point(), 10.0)
     assert kinds(hand) == expected
 
@@ -213,7 +217,8 @@ def test_every_touch_is_answered_with_its_patch(hand):
 
 @pytest.mark.parametrize("kind", ["poke", "double_pat", "grab"])
 def test_touch_is_the_usual_one_times_what_is_chosen(hand, kind):
-    hand.firmness, hand.slowness = 0.5, 2.0
+    hand.firmness = 0.5
+    hand.slowness = 2.0
     hand.click(point(), 0.0, kind.replace("_", " "))
     hand.tick(5.0)
     (order,) = hand.sent
@@ -320,7 +325,8 @@ def make_scene():
 
 def test_camera_turns_anew_when_a_window_becomes_narrow():
     scene = make_scene()
-    client, distances = MagicMock(ClientHandle, camera=MagicMock(CameraHandle)), []
+    client = MagicMock(ClientHandle, camera=MagicMock(CameraHandle))
+    distances = []
     asyncio.run(scene.watch(client))
     tell = client.camera.on_update.call_args.args[0]
     for client.camera.aspect in (2.0, 0.5, 0.4, 1.5):
@@ -342,7 +348,8 @@ def test_place_where_to_click_is_seen_in_every_pose():
         scene.T_world_link = mounted().kinematics.poses(q)
         place = target.find_hint()
         T = scene.T_world_link[place.link]
-        at, to = apply(T, np.array(place.p_link)), rotate(T, np.array(place.n_link))
+        at = apply(T, np.array(place.p_link))
+        to = rotate(T, np.array(place.n_link))
         ray = target.eye - at
         ray /= np.linalg.norm(ray)
         away = scene.place_taxels()[0] - at

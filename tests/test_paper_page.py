@@ -52,7 +52,8 @@ PROGRAM = re.compile(r"python -m ([\w.]+)")
 METHOD_TABLE = "## Table I:"
 FIXED_EDGES = 16_872
 """Edges of the paper's skin (section IV-C4)."""
-TAXELS, K = 2112, 8
+TAXELS = 2112
+K = 8
 
 
 def read_rows(after):
@@ -117,7 +118,8 @@ def count_numbered(tex):
 
 def number_sections(tex):
     """Return the printed numbers of the sections that have no sections of their own."""
-    found, counts = [], [0, 0, 0]
+    found = []
+    counts = [0, 0, 0]
     for prefix in re.findall(r"^\\(sub|subsub|)section\{", tex, re.MULTILINE):
         level = ("", "sub", "subsub").index(prefix)
         counts[level] += 1
@@ -202,7 +204,8 @@ def test_skin_has_eight_fixed_edges_a_taxel():
     table = FixedNeighbours(skin, K).table
     assert skin.count == TAXELS and np.bincount(skin.patch_index).min() >= 52
     assert (table >= 0).sum() == TAXELS * K == 16_896
-    source, target = table.ravel().tolist(), np.repeat(np.arange(TAXELS), K).tolist()
+    source = table.ravel().tolist()
+    target = np.repeat(np.arange(TAXELS), K).tolist()
     pairs = {frozenset(pair) for pair in zip(source, target, strict=True)}
     assert 2 * len(pairs) == 17_712
 

@@ -70,14 +70,16 @@ def follow(model, on, stream):
 def select_felt(on, stream):
     """Return pressures above their noise [kPa] and joint positions, of each scan."""
     pipeline = TouchPipeline(on, calibration_of(on.skin))
-    pressures, joints = [], []
+    pressures = []
+    joints = []
     for scan in stream:
         floor = pipeline.front_end.floor
         state = pipeline.push(scan)
         felt = state.reading.valid & (state.reading.pressure >= floor)
         pressures.append(np.where(felt, state.reading.pressure, 0.0))
         joints.append(state.reading.q)
-    pressure, q = np.float32(pressures), np.float32(joints)
+    pressure = np.float32(pressures)
+    q = np.float32(joints)
     return torch.from_numpy(pressure.clip(max=LARGEST_PRESSURE)), torch.from_numpy(q)
 
 
@@ -89,7 +91,8 @@ def test_probabilities_are_those_of_the_whole_window_offline(
     rate, stride, early, tmp_path
 ):
     """Slower readings are repeated; of faster ones the first of each slot counts."""
-    on, path = mounted("ur5"), tmp_path / "a.safetensors"
+    on = mounted("ur5")
+    path = tmp_path / "a.safetensors"
     network = build(on, stride=stride)
     model = paper.save_paper_model(path, network, GESTURES)
     stream = scans(on, two_hands(on), rate, 4.6)
@@ -112,7 +115,8 @@ def test_probabilities_are_those_of_the_whole_window_offline(
 
 
 def test_touches_at_once_have_the_same_probabilities(path):
-    on, together = mounted("ur5"), 0
+    on = mounted("ur5")
+    together = 0
     for recognizer in follow(load_model(path), on, scans(on, two_hands(on), 50, 3.3)):
         one, *others = recognizer.probabilities.values() or [np.ones(5) / 5]
         assert one.sum() == pytest.approx(1.0, abs=1e-5)
@@ -148,7 +152,8 @@ def test_missing_reading_repeats_the_one_before_and_none_for_long_is_rest():
 
 @pytest.mark.parametrize("vocabulary", [GESTURES, ("grab", "none", "poke")])
 def test_file_is_read_as_it_was_written(vocabulary, tmp_path):
-    on, path = mounted("ur5"), tmp_path / "a.safetensors"
+    on = mounted("ur5")
+    path = tmp_path / "a.safetensors"
     settings = {"k": 5, "pooling": "mean", "distance": "patch", "stride": 2}
     network = build(on, len(vocabulary), **settings)
     saved = paper.save_paper_model(path, network, vocabulary, training={"epochs": "3"})
@@ -190,7 +195,8 @@ def change_weight(model, change):
 def test_file_that_does_not_fit_is_refused_in_one_line(
     path, change, part, tmp_path, capsys
 ):
-    model, changed = change(load_model(path)), tmp_path / "changed.safetensors"
+    model = change(load_model(path))
+    changed = tmp_path / "changed.safetensors"
     model.save(changed)
     with pytest.raises(ModelError, match=part) as told:
         Recognizer(load_model(changed), mounted("ur5"), None)

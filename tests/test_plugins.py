@@ -221,8 +221,10 @@ class Played(Source):
     """A source of still scans, which one change makes break a rule."""
 
     def __init__(self, change=None):
-        self.clock, self.change = ManualClock(1_000_000_000), change
-        self.number, self.closed = 0, False
+        self.clock = ManualClock(1_000_000_000)
+        self.change = change
+        self.number = 0
+        self.closed = False
         mounted = mounted_small()
         calibration = calibration_of(mounted.skin)
         self.info = SourceInfo.build("played:", mounted, calibration, 50.0)

@@ -249,7 +249,8 @@ def test_socialtouch_file_keeps_every_value_and_labels_touched_readings(tmp_path
     np.testing.assert_array_equal(arrays.counts, np.concatenate(counts))
     assert arrays.received.all()
     start = build_stamp(2022, 4, 20, 17, 5, 23)
-    first, second = 83 * 4 + 2000, 83 * 7 + 4000
+    first = 83 * 4 + 2000
+    second = 83 * 7 + 4000
     times = [83 * np.arange(5), first + 83 * np.arange(4), second + 83 * np.arange(3)]
     milliseconds = (arrays.stamps - start) / 1e6
     np.testing.assert_array_equal(milliseconds, np.concatenate(times))

@@ -74,8 +74,10 @@ def test_labels_of_one_source_do_not_overlap():
 
 
 def test_labels_are_sorted_and_selected_by_source():
-    true, auto = make_label(3, 4), make_label(1, 2, source="auto")
-    rough, first = make_range(1, 2), make_label(0, 1)
+    true = make_label(3, 4)
+    auto = make_label(1, 2, source="auto")
+    rough = make_range(1, 2)
+    first = make_label(0, 1)
     assert sort_labels([true, auto, first]) == (first, auto, true)
     assert sort_labels([true, auto, first], "auto") == (auto,)
     assert select_labels([rough, auto, true, first]) == (first, true)
@@ -116,9 +118,13 @@ def test_ranges_are_labels_widened_and_joined_by_gesture():
     check_no_overlap(ranges, 0)
 
 
-POKE, STROKE = make_range(0.5, 6), make_range(6, 9, "stroke")
-FIRST, LATER, LAST = (2, 2.2), (2.7, 2.9), (7, 7.4)
-FLICKER, AFTER = (3.8, 3.84), (4, 4.2)
+POKE = make_range(0.5, 6)
+STROKE = make_range(6, 9, "stroke")
+FIRST = (2, 2.2)
+LATER = (2.7, 2.9)
+LAST = (7, 7.4)
+FLICKER = (3.8, 3.84)
+AFTER = (4, 4.2)
 
 
 @pytest.mark.parametrize(
@@ -170,7 +176,8 @@ def score_agreement(truth, found):
 
 def test_agreement_is_perfect_with_the_truth_and_zero_without_labels():
     truth = [make_label(1, 2), make_label(3, 4, "stroke")]
-    perfect, nothing = score_agreement(truth, truth), score_agreement(truth, [])
+    perfect = score_agreement(truth, truth)
+    nothing = score_agreement(truth, [])
     ones = ("accuracy", "balanced_accuracy", "event_iou")
     assert [perfect[name] for name in ones] == [1, 1, 1]
     assert (perfect["event_recall"], perfect["event_precision"]) == (1, 1)
@@ -198,7 +205,8 @@ def record(path, labels):
     calibration = Calibration.uniform(4, 1000, 100.0)
     scans = []
     for stamp in make_stamps(10).tolist():
-        counts, seconds = np.full(4, 50, np.int32), stamp / SECOND
+        counts = np.full(4, 50, np.int32)
+        seconds = stamp / SECOND
         counts += 200 * (4 <= seconds < 4.5 or 8 <= seconds < 8.6)
         scans.append(Scan(stamp, counts, np.ones(4, bool), np.empty(0)))
     with RecordingWriter(path, "table", skin, calibration, Metadata(), ()) as writer:
@@ -229,7 +237,8 @@ def test_labels_follow_the_pressures_that_a_live_recogniser_sees(tmp_path):
     labels = [live.label(0.5, 5.5, "poke")]
     path = tmp_path / "a.mcap"
     live.record(path, live.mounted(), live.list_faulty_scans(), labels)
-    recording, config = read_recording(path), AutoLabelConfig()
+    recording = read_recording(path)
+    config = AutoLabelConfig()
     pairs = [(r.stamp, r.pressure[r.valid].max()) for r in live.replay(recording)]
     stamps, peaks = map(np.array, zip(*pairs, strict=True))
     found = label_recording(recording, labels, config).found

@@ -104,7 +104,8 @@ def test_recording_cut_before_its_calibration_is_refused(path, summary, read_byt
 
 @pytest.mark.parametrize("damage", ["content", "CRC", "length"])
 def test_damage_ends_what_is_read(path, summary, chunk_ends, read_bytes, damage):
-    data, count = bytearray(path.read_bytes()), 20
+    data = bytearray(path.read_bytes())
+    count = 20
     if damage == "content":
         data[chunk_ends[1] - 40] ^= 0xFF
     elif damage == "CRC":
@@ -240,7 +241,8 @@ def test_invalid_attachment_is_refused(target, name, data, parts):
     assert_refused(target, change_record(target, Attachment, change, content), *parts)
 
 
-SIZE, PACKED_SIZE = 16, 36
+SIZE = 16
+PACKED_SIZE = 36
 """Offsets of the sizes of the content of a chunk in its record."""
 
 

@@ -93,8 +93,10 @@ def add_joint(name, before=b"</robot>"):
 
 def test_positions_of_a_recording_go_to_the_joints_of_their_names(path, tmp_path):
     """In whatever order a robot that is given in place of the recorded one has them."""
-    known, both = read_recording(path), tmp_path / "both.mcap"
-    names, urdf = ("turn", "grip"), add_joint("grip")
+    known = read_recording(path)
+    both = tmp_path / "both.mcap"
+    names = ("turn", "grip")
+    urdf = add_joint("grip")
     header = ("panel", known.skin, known.calibration, known.metadata, names, urdf)
     scans = (replace(scan, q=np.array([0.5, 0.1])) for scan in known.scans())
     with RecordingWriter(both, *header) as writer:

@@ -277,7 +277,8 @@ def test_writer_renames_its_part_file_when_the_recording_is_complete(tmp_path):
 
 
 def test_recording_never_replaces_a_file_that_came_meanwhile(tmp_path):
-    path, part = tmp_path / "a.mcap", tmp_path / "a.mcap.part"
+    path = tmp_path / "a.mcap"
+    part = tmp_path / "a.mcap.part"
     with pytest.raises(RecordingError, match="a.mcap.part"), open_writer(path) as made:
         write_all(made, SCANS[:50], ())
         path.write_bytes(b"another")

@@ -56,7 +56,8 @@ def test_ur5_has_the_usual_names_and_the_published_limits():
 
 
 def test_ur10_moves_its_tool_by_the_published_dimensions():
-    ur10, rng = load_robot("ur10"), np.random.default_rng(0)
+    ur10 = load_robot("ur10")
+    rng = np.random.default_rng(0)
     tool = ur10.link_index("tool0")
     for q in rng.uniform(-np.pi, np.pi, (5, 6)):
         # The published frame looks the other way.

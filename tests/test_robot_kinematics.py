@@ -22,16 +22,16 @@ def random_q(robot, shape=(), seed=0):
 def build_tree(seed, links=15):
     """Build a robot of every kind of joint, some that follow, in no order."""
     rng = np.random.default_rng(seed)
-    joints, leaders = [], []
+    joints = []
+    leaders = []
     for child in range(1, links):
-        kind, axis = KINDS[rng.integers(4)], rng.normal(size=3)
+        kind = KINDS[rng.integers(4)]
+        axis = rng.normal(size=3)
         follows = kind != "fixed" and leaders and rng.random() < 0.4
         mimic = Mimic(rng.choice(leaders), -1.5, 0.3) if follows else None
         rest = make_transform(random_rotation(rng), rng.normal(size=3))
-        ends, axis = (
-            (f"l{rng.integers(child)}", f"l{child}"),
-            axis / np.linalg.norm(axis),
-        )
+        ends = (f"l{rng.integers(child)}", f"l{child}")
+        axis = axis / np.linalg.norm(axis)
         joints.append(Joint(f"j{child}", kind, *ends, rest, axis, mimic=mimic))
         if kind != "fixed" and not follows:
             leaders.append(f"j{child}")
@@ -91,7 +91,8 @@ def test_poses_are_products_of_transforms_along_the_tree(seed):
 @pytest.mark.parametrize("shape", [(), (7,), (2, 3), (0,)])
 def test_poses_of_a_batch_equal_those_one_by_one(shape, robot):
     """Also of float32 values; later calls do not change them."""
-    kinematics, q = Kinematics(robot), random_q(robot, shape).astype(np.float32)
+    kinematics = Kinematics(robot)
+    q = random_q(robot, shape).astype(np.float32)
     T = kinematics.poses(q)
     assert (T.shape, T.dtype) == ((*shape, len(robot.links), 4, 4), np.float64)
     for i in np.ndindex(shape):

@@ -26,7 +26,8 @@ CYLINDER, SPHERE, BOX = SHAPES = [
     Sphere(0.1),
     Box((0.1, 0.2, 0.3)),
 ]
-SPHERE_MESH, BOX_MESH = build_shape_mesh(SPHERE, 24), build_shape_mesh(BOX)
+SPHERE_MESH = build_shape_mesh(SPHERE, 24)
+BOX_MESH = build_shape_mesh(BOX)
 
 
 def get_name(shape):

@@ -363,7 +363,8 @@ def test_kinematics_need_no_shape_and_what_does_names_the_remedy(
     (tmp_path / "pointer.stl").write_text(POINTER)
     (tmp_path / "a.glb").touch()
     text = TOY.replace('<sphere radius="0.5"/>', shape)
-    robot, path = load_robot(write(text)), tmp_path / "toy.urdf"
+    robot = load_robot(write(text))
+    path = tmp_path / "toy.urdf"
     expected = Kinematics(load_robot(write(TOY))).poses(np.zeros(2))
     np.testing.assert_array_equal(Kinematics(robot).poses(np.zeros(2)), expected)
     assert robot.links[0].geoms[0].shape == Box((1.0, 2.0, 3.0))
@@ -392,7 +393,8 @@ def test_urdf_that_is_a_pointer_of_git_lfs_is_told(write):
 )
 def test_what_does_not_change_a_urdf_is_accepted(write, change):
     """Comments before the declaration, namespaces, prefixes, commas, other tags."""
-    before, after = load_urdf(write(TOY)), load_urdf(write(change(TOY)))
+    before = load_urdf(write(TOY))
+    after = load_urdf(write(change(TOY)))
     assert after.joint_names == before.joint_names
     assert read_shapes(after) == read_shapes(before)
     q = np.array([0.3, -0.4])

@@ -32,8 +32,11 @@ class NodeStandIn:
     """Keeps what a node is asked for."""
 
     def __init__(self, **given):
-        self.given, self.declared = given, {}
-        self.made, self.gone, self.callbacks = {}, [], {}
+        self.given = given
+        self.declared = {}
+        self.made = {}
+        self.gone = []
+        self.callbacks = {}
 
     def declare_parameter(self, name, default):
         self.declared[name] = default
@@ -109,7 +112,9 @@ def test_parameters_are_those_of_the_file_and_have_its_defaults(node):
 
 
 def test_joint_states_are_taken_by_name_and_refused_where_they_cannot_be_used(node):
-    own, on, clock = NodeStandIn(), mounted("ur5"), HostClock()
+    own = NodeStandIn()
+    on = mounted("ur5")
+    clock = HostClock()
     q_at = node.subscribe_joints(own, on, clock)
     push = own.callbacks["/joint_states"]
     names = [*on.robot.joint_names][::-1]

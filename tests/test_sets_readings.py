@@ -442,11 +442,10 @@ def test_recordings_that_are_exported_as_parquet_come_back(tmp_path, capsys):
     source = tmp_path / "in" / "readings.parquet"
     words = ("convert", "table", source, tmp_path / "out", "--skin", "ur5")
     call_json(capsys, *words)
-    before, after = (
-        read_recording(path),
-        read_recording(tmp_path / "out" / "readings.mcap"),
-    )
-    old, new = before.arrays(), after.arrays()
+    before = read_recording(path)
+    after = read_recording(tmp_path / "out" / "readings.mcap")
+    old = before.arrays()
+    new = after.arrays()
     for name in ("stamps", "counts", "received", "q"):
         np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
     true = [label for label in before.labels if label.source == "true"]

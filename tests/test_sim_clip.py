@@ -144,7 +144,8 @@ def place_steady_touch(steps, rng):
 
 def test_clip_shows_at_least_the_stated_share_of_its_touch():
     rng = np.random.default_rng(0)
-    inside, cut = world().constants.value("clip.inside"), 0
+    inside = world().constants.value("clip.inside")
+    cut = 0
     for _ in range(400):
         length = int(rng.integers(5, 190))
         first, end = place_steady_touch(length, rng)

@@ -211,7 +211,8 @@ def test_film_gives_a_share_to_each_side_and_loses_it_beyond_edges(skin, missing
 
 
 def test_film_with_a_share_for_each_taxel_keeps_even_pressure(skin):
-    neighbours, everything = find_grid_neighbours(skin), np.arange(skin.count)
+    neighbours = find_grid_neighbours(skin)
+    everything = np.arange(skin.count)
     shares = compute_leak_share(1.5e-3, skin.areas)
     assert 0.05 < shares.min() < shares.max() < 0.12
     even, _ = spread_through_film(

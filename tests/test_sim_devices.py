@@ -68,7 +68,8 @@ def test_the_gap_between_two_pads_measures_nothing():
         if each.inner < each.finer and each.skin.count > 1 and not each.closed
     )
     device = replace(device, gain=1.0, lag=0.0, binary=0.0, full=50.0)
-    times, patch = device.finer, device.fine.patches[0]
+    times = device.finer
+    patch = device.fine.patches[0]
     margin = (times - device.inner) // 2
     inside = np.arange(times)
     inside = (inside >= margin) & (inside < margin + device.inner)

@@ -167,9 +167,11 @@ def test_presses_at_both_sites_share_the_force_and_mirror_the_motion():
     # Along and across the hand, whose x axis is mirrored on the other side.
     paths = []
     for press, site, side in ((one, first, 1), (other, second, -1)):
-        cos, sin = np.cos(site.angle), np.sin(site.angle)
+        cos = np.cos(site.angle)
+        sin = np.sin(site.angle)
         path = press.centre - np.array(site.centre)
-        along, across = path @ np.array([-sin, cos]), side * path @ np.array([cos, sin])
+        along = path @ np.array([-sin, cos])
+        across = side * path @ np.array([cos, sin])
         paths.append([along, across, side * (press.angle - site.angle)])
     np.testing.assert_allclose(paths[0], paths[1], atol=1e-12)
     np.testing.assert_allclose(other.pads.centres[:, 0], -one.pads.centres[:, 0])
@@ -183,6 +185,7 @@ def test_self_contact_lies_where_links_nearly_touch():
         T = world().poses(q)
         assert world().collision.compute_clearance(T[None], 0.1)[0, 0] >= low - 5e-5
         for site in find_self_contact_sites(world(), q):
-            point, link = compute_axes(q, site)[0], world().links[site.chart]
+            point = compute_axes(q, site)[0]
+            link = world().links[site.chart]
             gap = world().collision.compute_free_distance(T, point[None], link)
             assert gap[0] < value("fold.contact") * MM

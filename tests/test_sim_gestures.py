@@ -70,7 +70,8 @@ def test_double_pat_has_two_peaks_at_the_recorded_interval():
             continue
         force = get_force(touch)
         half = len(force) // 2
-        first, second = np.argmax(force[:half]), half + np.argmax(force[half:])
+        first = np.argmax(force[:half])
+        second = half + np.argmax(force[half:])
         weaker = min(force[first], force[second])
         assert force[first : second + 1].min() <= weaker / 2 * (1 + 1e-9)
         left.append(np.any(force[1:-1] == 0))
@@ -96,9 +97,12 @@ def test_grab_wraps_across_the_tube_and_is_weaker_on_wider_tubes(radius, share):
 
 
 def test_stroke_passes_its_target_within_its_room_at_the_speed_of_a_hand():
-    speeds, returns, slow = [], [], []
+    speeds = []
+    returns = []
+    slow = []
     for touch in perform_many("stroke", count=300):
-        drawn, press = touch.drawn, touch.presses[0]
+        drawn = touch.drawn
+        press = touch.presses[0]
         slip = 8 * drawn["hand.wander"]
         for each in touch.presses:
             along = each.centre[:, 1] - SITE.centre[1]

@@ -27,7 +27,8 @@ from helpers.touch import build_grid_skin
 Q = np.array([0.3, -1.2, 1.0, -1.0, -1.5, 0.2])
 SWAY = np.array([0.1, 0.05, -0.1, 0.2, 0.0, 0.1])
 PERIOD = 1_000_000_000 // RATE
-STRETCH, LEAD = round(RATE * SEGMENT_SECONDS), round(RATE * LEAD_SECONDS)
+STRETCH = round(RATE * SEGMENT_SECONDS)
+LEAD = round(RATE * LEAD_SECONDS)
 
 
 def stand(_):
@@ -94,10 +95,13 @@ def test_losses_are_the_same_one_by_one_as_at_once_but_for_the_first_state():
 )
 def test_touch_gives_the_counts_and_truth_of_a_clip(gesture, kind, motion):
     live = InteractiveSkin(seed=2)
-    env, steps, delay = live.env, 200, 0.2
+    env = live.env
+    steps = 200
+    delay = 0.2
     session = get_session(Origin("s", (1,)), live.build)
     stages = SensorStages(skew=False, faults=False)
-    skin, person = live.mounted.skin, live.hand.person
+    skin = live.mounted.skin
+    person = live.hand.person
     live.sensor = Sensor(live.build, skin, np.random.default_rng(8), stages, session)
     site = live.hand.find_site("stroke", None, find_point(live, "forearm_back"), person)
     rng = np.random.default_rng(0)
@@ -187,7 +191,8 @@ def test_dragged_finger_follows_its_target_at_limited_speed():
     live = InteractiveSkin()
     begin, end = find_forearm_ends(live)
     touch = live.hand.begin(begin, 4.0)
-    places, force = [], 0.0
+    places = []
+    force = 0.0
     for reading in range(120):
         share = np.clip((reading - 20) / 80, 0, 1)
         p_link = begin.p_link + share * (end.p_link - begin.p_link)
@@ -217,7 +222,8 @@ def test_dragged_finger_follows_its_target_at_limited_speed():
 
 
 def test_unplugged_patch_is_not_received_and_the_others_are_unchanged():
-    one, other = InteractiveSkin(seed=1), InteractiveSkin(seed=1)
+    one = InteractiveSkin(seed=1)
+    other = InteractiveSkin(seed=1)
     skin = one.mounted.skin
     out = skin.patch_index == skin.find_patches(("forearm_back",))[0]
     for live in (one, other):
@@ -234,7 +240,8 @@ def test_unplugged_patch_is_not_received_and_the_others_are_unchanged():
 
 
 def test_killed_taxels_feel_nothing():
-    live, healthy = InteractiveSkin(seed=1), InteractiveSkin(seed=1)
+    live = InteractiveSkin(seed=1)
+    healthy = InteractiveSkin(seed=1)
     killed = np.array(live.kill(0.5))
     assert len(killed) == round(0.5 * live.mounted.skin.count)
     rest = [scan.counts[killed] for scan, _ in scan_many(live, 20)]
@@ -312,7 +319,9 @@ def test_player_makes_no_contact_where_stretches_meet():
     build = TouchPlayer(simulator).build
     assert build.name.startswith("device") and build.kind == "fresh"
     front_end = FrontEnd(simulator.mounted.skin, simulator.calibration(build))
-    nearby, peaks, others = RATE // 2, [], []
+    nearby = RATE // 2
+    peaks = []
+    others = []
     for number, scan in enumerate(play(simulator, LEAD + STRETCH + STRETCH // 3)):
         reading = front_end.push(scan)
         is_near = (number - LEAD + nearby) % STRETCH < 2 * nearby

@@ -47,7 +47,8 @@ def draw_motions(count, seed=0):
 
 
 def build_press(chart, steps, first=0, centre=(0.0, 0.0), angle=0.2):
-    centres, angles = np.tile(np.array(centre), (steps, 1)), np.full(steps, angle)
+    centres = np.tile(np.array(centre), (steps, 1))
+    angles = np.full(steps, angle)
     return Press(chart, first, np.ones(steps), centres, angles, TIP, TISSUE)
 
 
@@ -68,7 +69,8 @@ def compute_skin_speeds(series):
 
 
 def test_motion_takes_its_pose_in_the_middle_within_all_limits():
-    robot, constants = world().mounted.robot, world().constants
+    robot = world().mounted.robot
+    constants = world().constants
     spread = constants.get_constant("motion.speed").spread
     assert spread is not None
     for q, series in draw_motions(20):
@@ -113,7 +115,8 @@ def test_path_pauses_between_moves_in_valid_poses_of_its_groups(groups):
 def test_hand_lags_by_the_displacement_of_an_even_motion(first, delay):
     """A hand with an endless delay slides as far as the link."""
     # The skin of the ring moves along s alone.
-    speed, ring = 0.4, find_ring()
+    speed = 0.4
+    ring = find_ring()
     press = build_press(ring, 100, first)
     moved = follow_with_delay(press, world(), turn_wrist(speed, 200), delay)
     slid = (moved.centre - press.centre)[:, 0]
@@ -141,7 +144,8 @@ def translate(offsets):
 def find_axes(surface):
     """Return the point of the surface at the site, and s, t and the normal there."""
     found = surface.wrap(SITE)
-    normal, s_axis = found.normals[0], found.tangents[0]
+    normal = found.normals[0]
+    s_axis = found.tangents[0]
     return found.positions[0], s_axis, np.cross(normal, s_axis), normal
 
 
@@ -158,7 +162,8 @@ def test_contact_with_what_stands_travels_against_the_motion_of_the_link(surface
         arc = surface.radius * np.arctan(way / surface.radius)
         above = np.hypot(surface.radius, way) - surface.radius
     else:
-        arc, above = way, np.zeros(len(way))
+        arc = way
+        above = np.zeros(len(way))
     np.testing.assert_allclose(path[:, axis], -arc, atol=1e-12)
     np.testing.assert_allclose(height, above, atol=1e-12)
 
@@ -204,7 +209,8 @@ def test_press_of_what_stands_is_unchanged_on_an_arm_that_stands():
 def test_body_that_stands_stays_in_the_world_until_contact_ends():
     chart = find_forearm()
     surface = world().charts[chart].surface
-    ended, pushed = 0, 0
+    ended = 0
+    pushed = 0
     for _, series in draw_motions(20):
         press = build_standing_press(chart, len(series), give=0.01, most=2.0)
         moved = follow_with_delay(press, world(), series, 0.2)
@@ -250,7 +256,8 @@ def test_body_that_is_dragged_follows_its_share_of_the_way(dragged):
 
 
 def test_force_is_zero_where_the_run_ends():
-    chart, series = find_forearm(), draw_motions(1)[0][1]
+    chart = find_forearm()
+    series = draw_motions(1)[0][1]
     free, short = (
         follow_with_delay(
             build_standing_press(chart, 200, run=run), world(), series, 0.0

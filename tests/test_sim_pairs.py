@@ -81,7 +81,8 @@ def test_bending_brings_taxels_closer_in_space_but_not_along_the_skin():
     np.testing.assert_array_equal(bent.rows, flat.rows)
     np.testing.assert_array_equal(bent.columns, flat.columns)
     np.testing.assert_allclose(bent.areas, flat.areas)
-    on_tube, on_plane = pdist(bent.positions), pdist(flat.positions)
+    on_tube = pdist(bent.positions)
+    on_plane = pdist(flat.positions)
     assert np.all(on_tube <= on_plane + 1e-9)
     assert np.max(on_plane - on_tube) > 0.1
     around = np.arctan2(bent.positions[:, 1], bent.positions[:, 0]) * 0.0375
@@ -105,7 +106,8 @@ def test_flat_press_has_force_area_and_place_of_the_grab():
 
 def measure_gap(pair, clip):
     """Return the distance of both places of a pair in the pose of a clip [m]."""
-    mounted, places = pair.mounted[0], []
+    mounted = pair.mounted[0]
+    places = []
     for truth in pair.second.truths:
         index = mounted.robot.link_index(truth.link)
         there, here = (

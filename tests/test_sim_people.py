@@ -94,7 +94,8 @@ def test_thumb_of_a_right_hand_lies_left_of_it_seen_from_outside():
     names = ("thumb_tip", "little_head", "middle_tip", "palm")
     thumb, little, middle, palm = (HAND_PADS.index(name) for name in names)
     for person in draw_people()[:100]:
-        force, still = np.ones(1), np.zeros((1, 2))
+        force = np.ones(1)
+        still = np.zeros((1, 2))
         press = Press(0, 0, force, still, np.array([0.7]), person.hand, person.tissue)
         laid = Tube(0.04, np.eye(4)).wrap(compute_pad_offsets(press)[0])
         across = laid.positions[thumb] - laid.positions[little]
@@ -151,7 +152,8 @@ def test_difficulty_spreads_the_touches_of_one_person_and_of_all():
     easy, hard = (draw_forces("poke", level, True) for level in (0.0, 2.0))
     assert compute_gsd(easy) == pytest.approx(1.3, rel=0.03)
     assert compute_gsd(hard) == pytest.approx(1.6, rel=0.03)
-    all_hard, all_easy = draw_forces("poke", 2.0), draw_forces("poke")
+    all_hard = draw_forces("poke", 2.0)
+    all_easy = draw_forces("poke")
     assert compute_gsd(all_hard) > 1.08 * compute_gsd(all_easy)
 
 

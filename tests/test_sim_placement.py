@@ -80,7 +80,8 @@ def test_groups_are_as_frequent_as_such_poses_and_the_base_points_anywhere():
 
 
 def test_folded_and_touching_poses_have_their_sites_and_others_no_self_contact():
-    rng, person = np.random.default_rng(6), people(1)[0]
+    rng = np.random.default_rng(6)
+    person = people(1)[0]
     for q in poses(20, seed=5, fold=True):
         assert find_fold_sites(world(), q, person)
     for _ in range(10):
@@ -123,7 +124,8 @@ def compute_axes(q, site):
 
 
 def measure_edge_distance(site):
-    chart, rim = world().charts[site.chart], world().targets.edges[site.chart]
+    chart = world().charts[site.chart]
+    rim = world().targets.edges[site.chart]
     return compute_edge_distance(chart, rim, np.array([site.centre]))[0]
 
 
@@ -137,7 +139,8 @@ def find_regions(gesture, kind=None):
 
 @pytest.mark.parametrize("gesture", PLACEMENT_LAWS)
 def test_sites_face_the_person_within_reach_and_have_room(gesture):
-    reached, free = [], []
+    reached = []
+    free = []
     for q, person, site in draw_sites(gesture):
         position, _, _, normal = compute_axes(q, site)
         view = build_view(world(), q, person)
@@ -190,8 +193,10 @@ def test_regions_are_touched_as_often_as_stated():
 
 
 def test_sites_are_near_edges_and_on_seams_as_often_as_stated():
-    rng, value = np.random.default_rng(3), world().constants.value
-    q, person = poses(1, seed=4)[0], people(1)[0]
+    rng = np.random.default_rng(3)
+    value = world().constants.value
+    q = poses(1, seed=4)[0]
+    person = people(1)[0]
     sites = [draw_site(world(), q, person, "poke", rng) for _ in range(450)]
     within = get_length("place.edge_within")
     near = [measure_edge_distance(site) <= within for site in sites]

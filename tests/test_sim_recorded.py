@@ -194,7 +194,8 @@ def test_missing_people_are_refused(folder, people, part):
 def test_folder_without_touches_or_without_a_class_is_refused(tmp_path):
     with pytest.raises(ImportSourceError, match="no folder"):
         find_recorded_people(tmp_path / "gone")
-    empty, poked = tmp_path / "empty", tmp_path / "poked"
+    empty = tmp_path / "empty"
+    poked = tmp_path / "poked"
     empty.mkdir()
     write_socialtouch(poked)
     with pytest.raises(GenerationError, match="folders of the SocialTouch set"):

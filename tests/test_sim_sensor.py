@@ -28,7 +28,8 @@ WAVES = np.clip(np.sin(np.linspace(-1, 8, 120)), 0, 1)[:, None]
 PRESSURE = WAVES * np.array([4.0, 12.0, 30.0, 8.0, 60.0])
 BUILD = draw_build("b", "shifted", SKIN, CONSTANTS, np.random.default_rng(5))
 WORKING = SensorStages(noise=False, faults=False, ghosting=False)
-ZERO, ONE = np.zeros(SKIN.count), np.ones(SKIN.count)
+ZERO = np.zeros(SKIN.count)
+ONE = np.ones(SKIN.count)
 
 STEADY = {"walk": 0.0, "after": 0.0}
 NEUTRAL = {
@@ -113,7 +114,8 @@ def test_calibration_reads_the_true_pressure_of_a_nominal_taxel():
 
 
 def test_hysteresis_forgets_a_touch_that_is_over():
-    firm, pause = np.full(50, 60.0), np.zeros(20)
+    firm = np.full(50, 60.0)
+    pause = np.zeros(20)
     light = np.concatenate([np.arange(1, 21.0), np.arange(20, 5.0, -1)])
     stages = replace(ELEMENT_STAGES, creep=False)
     after = read_conductance(np.concatenate([firm, pause, light]), stages)

@@ -78,7 +78,8 @@ def solve_detours(cells):
     """Return what an ideal circuit adds to each cell over all others of the array."""
     rows, columns = cells.shape
     laplacian = np.zeros((rows + columns, rows + columns))
-    laplacian[:rows, rows:], laplacian[rows:, :rows] = -cells, -cells.T
+    laplacian[:rows, rows:] = -cells
+    laplacian[rows:, :rows] = -cells.T
     laplacian -= np.diag(laplacian.sum(axis=1))
     potential = np.linalg.pinv(laplacian)
     own = np.diag(potential)
@@ -112,7 +113,8 @@ def test_leak_adds_a_share_of_row_and_column():
 )
 def test_crosstalk_turns_and_mirrors_with_the_array(turn):
     cells = draw_cells(1, (6, 5), 0.6)
-    cells[2], cells[:, 3] = 0.0, 0.0
+    cells[2] = 0.0
+    cells[:, 3] = 0.0
     turned = read(turn(cells), 0.05, 0.01)
     np.testing.assert_allclose(turned, turn(read(cells, 0.05, 0.01)), rtol=1e-5)
 
@@ -131,10 +133,12 @@ def add_event(kind, seed):
 
 @pytest.mark.parametrize("kind", ELECTRICAL_EVENTS)
 def test_electrical_event_changes_its_place_and_time_only(kind):
-    full, lengths = BUILD.electronics.full_scale, []
+    full = BUILD.electronics.full_scale
+    lengths = []
     for seed in range(20):
         counts, received, drawn = add_event(kind, seed)
-        place, onset = str(drawn["place"]), int(drawn["onset"])
+        place = str(drawn["place"])
+        onset = int(drawn["onset"])
         lengths.append(int(drawn["readings"]))
         inside = SKIN.patch_index == int(place[1])
         if ":" in place:

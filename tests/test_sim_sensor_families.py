@@ -80,9 +80,11 @@ CAPACITIVE_FLAWS = ("neighbours", "proximity", "quantisation")
 @pytest.mark.parametrize("flaw", FLAWS)
 def test_flaw_that_is_named_is_all_that_changes(flaw):
     family = "capacitive" if flaw in CAPACITIVE_FLAWS else "divider"
-    intact, build = draw_flawed({}, family), draw_flawed({flaw: "high"}, family)
+    intact = draw_flawed({}, family)
+    build = draw_flawed({flaw: "high"}, family)
     wave = 30.0 * np.clip(np.sin(np.linspace(0, 20, 500)), 0, 1)
-    pressure, taxels = np.tile(wave[:, None], SKIN.count), np.arange(SKIN.count)
+    pressure = np.tile(wave[:, None], SKIN.count)
+    taxels = np.arange(SKIN.count)
     before, whole = read(intact, pressure, taxels)
     after, received = read(build, pressure, taxels)
     times = draw_reading_times(build, 100, np.random.default_rng(0))

@@ -225,7 +225,8 @@ def test_sets_share_people_and_builds_only_where_stated():
 
 @pytest.mark.parametrize("name", SETS)
 def test_small_set_has_fewer_people_and_the_same_structure(name):
-    plans, classes = plan_set(name, 20), load_set(name, CONSTANTS).classes
+    plans = plan_set(name, 20)
+    classes = load_set(name, CONSTANTS).classes
     assert len(plans) == 20
     by_person = Counter(plan.person for plan in plans)
     assert min(by_person.values()) >= len(classes) - len(classes) // 3

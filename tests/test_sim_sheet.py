@@ -47,7 +47,8 @@ def lay(*surfaces, rows=24, columns=14):
 
 def turn_tube(radius, angle):
     pose = np.eye(4)
-    cosine, sine = np.cos(angle), np.sin(angle)
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
     pose[:2, :2] = [[cosine, -sine], [sine, cosine]]
     return Tube(radius, pose)
 
@@ -102,7 +103,8 @@ def test_contact_on_a_sheet_is_that_on_the_tube_under_it(pads):
     )
     assert other.area == pytest.approx(one.area, rel=0.05)
     felt = np.zeros((2, 2, TUBE.skin.count))
-    felt[0][:, one.taxels], felt[1][:, other.taxels] = one.pressure, other.pressure
+    felt[0][:, one.taxels] = one.pressure
+    felt[1][:, other.taxels] = other.pressure
     assert felt[1].sum() == pytest.approx(felt[0].sum(), rel=0.03)
     assert np.abs(felt[1] - felt[0]).max() < 0.1 * felt[0].max()
 
@@ -169,7 +171,8 @@ def test_every_taxel_is_the_own_one_of_one_chart_and_of_others_too(world):
 
 
 def test_force_on_any_place_of_a_bumpy_skin_is_borne_by_its_taxels(world):
-    skin, constants = world.mounted.skin, world.constants
+    skin = world.mounted.skin
+    constants = world.constants
     for number, chart in enumerate(world.charts):
         middle = np.argmin(np.linalg.norm(chart.unrolled[chart.own], axis=1))
         # A whole hand has room on the middle one of three patches.

@@ -43,7 +43,8 @@ def plan_clips():
 
 def is_felt(simulator, plan):
     """Tell whether a taxel reads more than 3 kPa above its rest, and check the clip."""
-    clip, mounted = simulator.make(plan), simulator.mounted
+    clip = simulator.make(plan)
+    mounted = simulator.mounted
     assert clip.counts.shape == (100, mounted.skin.count)
     assert clip.q.shape == (100, len(mounted.robot.joint_names))
     truth = clip.truths[0]
@@ -82,7 +83,8 @@ def test_only_drums_are_too_thick_for_a_grab(skin):
 
 
 def test_robot_without_joints_has_one_pose_and_never_touches_itself():
-    simulator, rng = get_simulator("base"), np.random.default_rng(0)
+    simulator = get_simulator("base")
+    rng = np.random.default_rng(0)
     for groups in (POSE_GROUPS, {9}):
         assert draw_pose(simulator.env, groups, rng).shape == (0,)
     assert not can_touch_itself(simulator.env, POSE_GROUPS)

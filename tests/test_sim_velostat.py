@@ -53,9 +53,11 @@ def test_hold_creeps_as_the_logged_ones():
 )
 def test_loop_of_a_ramp_is_as_wide_as_measured(seconds, least, most):
     series = build_ramp(30.0, seconds)
-    g, pressure = read_conductance(series), series[::2]
+    g = read_conductance(series)
+    pressure = series[::2]
     top = len(g) // 2
-    up, down = g[: top + 1], g[top:][::-1]
+    up = g[: top + 1]
+    down = g[top:][::-1]
     back = np.interp(pressure[: top + 1], pressure[top:][::-1], down)
     assert least < (back - up).max() / g.max() < most
 

@@ -17,7 +17,8 @@ from eskin.skin.wiring import PressResponse, check_wiring, choose_press_targets
 SKIN = load_skin("ur5")
 ROBOT = load_robot("ur5")
 TAXEL = int(SKIN.find_taxels("wrist_1")[17])
-PLACE, NORMAL = SKIN.positions[TAXEL], SKIN.normals[TAXEL]
+PLACE = SKIN.positions[TAXEL]
+NORMAL = SKIN.normals[TAXEL]
 WRIST_2 = SKIN.find_taxels("wrist_2")
 
 
@@ -182,7 +183,8 @@ def test_show_command_prints_and_draws_a_skin(tmp_path, capsys):
 
 def test_show_command_draws_a_nominal_skin_without_its_robot(tmp_path, capsys):
     save_skin(load_skin("shearsense"), tmp_path / "own")
-    own, picture = str(tmp_path / "own"), tmp_path / "a.svg"
+    own = str(tmp_path / "own")
+    picture = tmp_path / "a.svg"
     assert run(["skin", "show", own, "--out", str(picture), "--json"]) == 0
     assert not json.loads(capsys.readouterr().out.splitlines()[-1])["calibrated"]
     assert picture.stat().st_size > 5_000

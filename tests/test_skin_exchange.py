@@ -124,7 +124,8 @@ def test_taxels_of_a_list_are_ordered_by_their_index(hand):
 
 
 def test_urdf_read_written_and_read_again_is_the_same_skin(hand, tmp_path):
-    skin, robot = read_tactile_urdf(hand, "hand"), load_urdf(hand)
+    skin = read_tactile_urdf(hand, "hand")
+    robot = load_urdf(hand)
     for number, wearer in enumerate((None, robot)):
         out = tmp_path / f"again{number}.urdf"
         write_tactile_urdf(out, skin, wearer)
@@ -291,7 +292,8 @@ def test_order_of_the_data_survives_every_format(tmp_path):
         write_icub_positions(folder, skin)
         again = read_icub_positions(sorted(folder.glob("*.txt")), "r")
         for patch in skin.patches:
-            own, other = skin.find_taxels(patch.id), again.find_taxels(patch.id)
+            own = skin.find_taxels(patch.id)
+            other = again.find_taxels(patch.id)
             assert np.array_equal(skin.positions[own], again.positions[other])
 
 

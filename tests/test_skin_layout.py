@@ -32,7 +32,8 @@ def random_unrolled(seed=0, reach=0.05):
 
 def differentiate(surface, unrolled, step):
     """Return the derivative of positions in the direction of a step."""
-    ahead, behind = surface.wrap(unrolled + step), surface.wrap(unrolled - step)
+    ahead = surface.wrap(unrolled + step)
+    behind = surface.wrap(unrolled - step)
     return (ahead.positions - behind.positions) / (2 * STEP)
 
 
@@ -97,7 +98,8 @@ def test_surface_is_fitted_to_its_taxels_in_any_pose(surface):
     T = make_transform(random_rotation(np.random.default_rng(5)), np.ones(3))
     expected = surface_distances(surface, wrapped.positions, other.positions)
     for pose in (np.eye(4), T):
-        points, others = apply(pose, wrapped.positions), apply(pose, other.positions)
+        points = apply(pose, wrapped.positions)
+        others = apply(pose, other.positions)
         fitted = fit_surface(points, rotate(pose, wrapped.normals))
         assert type(fitted) is type(surface)
         if not isinstance(fitted, Plane):
@@ -107,7 +109,8 @@ def test_surface_is_fitted_to_its_taxels_in_any_pose(surface):
 
 
 def test_no_surface_is_fitted_to_other_points():
-    dome, tube = Dome(0.06, np.eye(4)), Tube(0.05, np.eye(4))
+    dome = Dome(0.06, np.eye(4))
+    tube = Tube(0.05, np.eye(4))
     on_dome, on_tube = (surface.wrap(random_unrolled()) for surface in (dome, tube))
     squeezed = on_dome.positions * [1.0, 0.8, 1.0]
     assert fit_surface(squeezed, on_dome.normals) is None
@@ -117,7 +120,9 @@ def test_no_surface_is_fitted_to_other_points():
 
 def test_taxels_on_a_dome_cover_the_area_of_the_dome():
     # A square drawn flat, its side 2a, as a fine sum over the sphere (r sin u = rho).
-    radius, pitch, count = 0.06, 0.005, 12
+    radius = 0.06
+    pitch = 0.005
+    count = 12
     patch = Patch("cap", "arm", 1, count, count)
     grid = TaxelGrid(count, count, pitch, pitch)
     skin = build_skin("cap", [(patch, grid, Dome(radius, np.eye(4)))])

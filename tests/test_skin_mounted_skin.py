@@ -8,7 +8,8 @@ from eskin.robot import Kinematics, load_robot
 from eskin.skin import MountedSkin, build_grid_skin, load_skin
 from eskin.transforms import apply
 
-SKIN, ROBOT = load_skin("ur5"), load_robot("ur5")
+SKIN = load_skin("ur5")
+ROBOT = load_robot("ur5")
 MOUNTED = MountedSkin(SKIN, ROBOT)
 POSES = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, 6))
 TAXELS = np.random.default_rng(0).choice(SKIN.count, 60, replace=False)

@@ -47,7 +47,8 @@ def test_check_finds_no_problem_with_a_preset(name):
 
 
 def test_skins_of_public_data_are_flat_grids_of_nominal_pitch():
-    sleeve, shearsense = load_skin("sleeve"), load_skin("shearsense")
+    sleeve = load_skin("sleeve")
+    shearsense = load_skin("shearsense")
     assert sleeve.count == 513 and not sleeve.calibrated and not sleeve.has_shear
     assert shearsense.count == 36 and shearsense.has_shear
     np.testing.assert_allclose(np.diff(sleeve.positions[:27], axis=0)[:, 0], 0.01)
@@ -81,13 +82,15 @@ def test_missing_patch_leaves_the_others_where_they_are():
     skin = load_skin("ur5-missing")
     assert skin.patches == tuple(p for p in UR5.patches if p.id != "forearm_back")
     for patch in skin.patches:
-        here, there = skin.find_taxels(patch.id), UR5.find_taxels(patch.id)
+        here = skin.find_taxels(patch.id)
+        there = UR5.find_taxels(patch.id)
         np.testing.assert_array_equal(skin.positions[here], UR5.positions[there])
 
 
 @pytest.mark.parametrize("name", ROBOT_SKINS)
 def test_patches_lie_on_their_links_irregular_and_apart(name):
-    skin, robot = load_skin(name), load_robot_for_skin(name)
+    skin = load_skin(name)
+    robot = load_robot_for_skin(name)
     parts = [skin.find_taxels(patch.id) for patch in skin.patches]
     for patch, taxels in zip(skin.patches, parts, strict=True):
         link = robot.links[robot.link_index(patch.link)]
@@ -104,7 +107,8 @@ def test_patches_lie_on_their_links_irregular_and_apart(name):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_no_taxel_is_inside_a_link_next_to_its_own(name):
-    skin, robot = load_skin(name), load_robot_for_skin(name)
+    skin = load_skin(name)
+    robot = load_robot_for_skin(name)
     mounted = MountedSkin(skin, robot)
     low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
     # An arm this wide cannot fold its elbow flat on itself.

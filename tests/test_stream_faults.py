@@ -37,7 +37,9 @@ def find_taxel(number, patch="a", kind="stuck"):
     return fault(kind, number // 100, number % 100, number, patch)
 
 
-TAXEL, ROW, PATCH = fault("stuck", 1, 2, 17), fault("row", row=1), fault("patch")
+TAXEL = fault("stuck", 1, 2, 17)
+ROW = fault("row", row=1)
+PATCH = fault("patch")
 COLUMN = fault("column", column=2)
 
 

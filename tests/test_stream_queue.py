@@ -63,7 +63,8 @@ def test_full_queue_drops_scans_before_events(drop):
 @pytest.mark.parametrize("size", [1, 3, 7])
 @pytest.mark.parametrize("drop", ["oldest", "newest"])
 def test_every_closing_is_told_once_and_in_order_whatever_is_dropped(drop, size):
-    queue, taken = BoundedQueue(size, drop), []
+    queue = BoundedQueue(size, drop)
+    taken = []
     for number in range(1, 100):
         status = TouchRecord(number, START, START, 0, closed=True)
         closed = (status,) if number % 3 else ()
@@ -99,7 +100,9 @@ def test_queue_that_never_drops_waits_for_room_until_it_is_closed():
 
 @pytest.mark.parametrize("drop", ["oldest", "newest"])
 def test_counts_of_a_queue_add_up_between_threads(drop):
-    queue, wrong, items = BoundedQueue(7, drop), [], [*SCANS, EVENT] * 2
+    queue = BoundedQueue(7, drop)
+    wrong = []
+    items = [*SCANS, EVENT] * 2
 
     def take():
         while queue.take() is not None:

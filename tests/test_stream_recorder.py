@@ -125,7 +125,8 @@ def test_last_correction_of_each_touch_becomes_its_label(path):
 
 
 def test_scans_are_synced_every_half_second(path, monkeypatch):
-    synced, fsync = [], os.fsync
+    synced = []
+    fsync = os.fsync
 
     def note(number):
         fsync(number)
@@ -148,7 +149,8 @@ def test_slow_disk_is_synced_less_often_and_nothing_is_lost(path, monkeypatch):
 
 
 def test_pieces_together_have_every_scan(path):
-    recorder, scans = make_recorder(path, piece_bytes=10_000), make_scans(500)
+    recorder = make_recorder(path, piece_bytes=10_000)
+    scans = make_scans(500)
     play(scans, recorder)
     files = recorder.pieces.files
     assert names(path.parent) == [f"a-{n + 1:04d}.mcap" for n in range(len(files))]
@@ -195,7 +197,8 @@ def test_recording_stops_before_disk_is_full(path):
     def free(folder):
         return 40_000 - sum(file.stat().st_size for file in folder.iterdir())
 
-    recorder, scans = make_recorder(path, free, least_free=20_000), make_scans(1000)
+    recorder = make_recorder(path, free, least_free=20_000)
+    scans = make_scans(1000)
     event = play_until_stop(recorder, scans)
     assert "0 MB" in event.text
     recording = read_recording(path)
@@ -206,7 +209,8 @@ def test_recording_stops_before_disk_is_full(path):
 
 
 def test_nearly_full_disk_is_refused(path):
-    free, least = 1_500_000_000, 2_000_000_000
+    free = 1_500_000_000
+    least = 2_000_000_000
     with pytest.raises(RecordingError, match="1500 MB.*2000 MB"):
         play(SCANS, make_recorder(path, lambda _: free, least_free=least))
     assert not list(path.parent.iterdir())
@@ -269,7 +273,8 @@ def test_disk_full_at_new_piece_keeps_those_before(path, open_with):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     open_with(open_binary)
-    recorder, scans = make_recorder(path, piece_bytes=10_000), make_scans(1000)
+    recorder = make_recorder(path, piece_bytes=10_000)
+    scans = make_scans(1000)
     play_until_stop(recorder, scans)
     files = [path.with_name(f"a-000{number}.mcap") for number in (1, 2)]
     assert sorted(path.parent.iterdir()) == files

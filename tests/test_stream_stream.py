@@ -46,7 +46,8 @@ class WatchedSource(Source):
 
     def __init__(self, scans=SCANS, before_read=lambda: None, events=()):
         self.inner = played(scans)
-        self.info, self.clock = self.inner.info, self.inner.clock
+        self.info = self.inner.info
+        self.clock = self.inner.clock
         self.before_read, self.events = before_read, list(events)
         self.closed = 0
 
@@ -59,7 +60,8 @@ class WatchedSource(Source):
         return self.inner.ended
 
     def take_events(self):
-        events, self.events = self.events, []
+        events = self.events
+        self.events = []
         return events
 
     def counters(self):
@@ -110,7 +112,8 @@ def test_every_listener_gets_every_scan_on_its_own_thread():
 
 
 def test_messages_come_to_listeners_of_their_type():
-    both, events = Ear(message_types=(Scan, Event)), Ear("e", message_types=(Event,))
+    both = Ear(message_types=(Scan, Event))
+    events = Ear("e", message_types=(Event,))
     stream = run_stream(WatchedSource(events=[EVENT]), [both, events])
     # Events of a source come before the scan that they came with.
     assert both.received[0] == EVENT and same_scans(both.received[1:], SCANS)
@@ -129,7 +132,8 @@ def test_message_of_a_listener_comes_to_all_others(when, count):
 
 
 def test_stalled_listener_delays_nobody(release):
-    stalled, done = threading.Event(), threading.Event()
+    stalled = threading.Event()
+    done = threading.Event()
     slow = Ear("viewer", size=5, drop="oldest")
     slow.do = lambda scan: (stalled.set(), release.wait(20))
     fast = Ear("recognition", do=lambda scan: scan is SCANS[-1] and done.set())
@@ -154,7 +158,8 @@ def test_listeners_of_one_name_are_refused():
 
 
 def test_leaving_delivers_what_waits():
-    source, begun = WatchedSource(make_scans(2000)), threading.Event()
+    source = WatchedSource(make_scans(2000))
+    begun = threading.Event()
     listener = Ear(size=50, do=lambda scan: begun.set() or time.sleep(0.001))
     with Stream(source, [listener]) as stream:
         assert begun.wait(20) and not stream.wait(0.0)
@@ -167,7 +172,8 @@ def test_leaving_delivers_what_waits():
 @pytest.mark.parametrize("leave", [False, True])
 @pytest.mark.parametrize("failing", [False, True])
 def test_listeners_are_closed_in_order_then_the_source(failing, leave):
-    log, source = [], WatchedSource()
+    log = []
+    source = WatchedSource()
     listeners = [Ear("a"), Ear("b"), Ear("c")]
     for listener in listeners:
         listener.log = log
@@ -201,12 +207,15 @@ def test_nothing_is_delivered_after_a_failure(release):
 
 
 def test_error_of_the_source_or_of_closing_stops_and_closes_all():
-    source, listener = WatchedSource(SCANS, raise_at(50, OSError("cable"))), Ear()
+    source = WatchedSource(SCANS, raise_at(50, OSError("cable")))
+    listener = Ear()
     with expect_failure("source sim:test", "cable"):
         run_stream(source, [listener])
     assert (listener.closed, source.closed) == (1, 1)
     assert len(listener.received) <= 49
-    bad, good, source = Ear("bad"), Ear("good"), WatchedSource()
+    bad = Ear("bad")
+    good = Ear("good")
+    source = WatchedSource()
     bad.close = raise_at(1, OSError("stuck"))
     with expect_failure("listener 'bad'", "stuck"):
         run_stream(source, [bad, good])
@@ -214,7 +223,9 @@ def test_error_of_the_source_or_of_closing_stops_and_closes_all():
 
 
 def test_listener_that_cannot_start_closes_those_before_it():
-    source, good, bad = WatchedSource(), Ear("good"), Ear("bad")
+    source = WatchedSource()
+    good = Ear("good")
+    bad = Ear("bad")
     bad.start = raise_at(1, ValueError("no port"))
     with pytest.raises(ValueError, match="no port"):
         run_stream(source, [good, bad])
@@ -241,7 +252,8 @@ def test_listener_or_source_that_hangs_is_left_behind(release, hanging, size, ti
         release.wait(20)
 
     source = WatchedSource(SCANS, hang if hanging == "source" else lambda: None)
-    bad, good = Ear("bad", size=size), Ear("good")
+    bad = Ear("bad", size=size)
+    good = Ear("good")
     bad.do = hang if hanging == "listener" else bad.do
     stream = Stream(source, [bad, good], patience=0.5)
     with expect_failure(title, "0.5 s"), stream:
@@ -274,7 +286,8 @@ STREAMING = """
 
 def start_streaming(path, how):
     """Return a process that records a stream."""
-    code, tests = textwrap.dedent(STREAMING), Path(__file__).parent
+    code = textwrap.dedent(STREAMING)
+    tests = Path(__file__).parent
     child = subprocess.Popen(
         [sys.executable, "-c", code, path, how, tests],
         stdout=subprocess.PIPE,
@@ -309,7 +322,9 @@ def test_signal_stops_and_handlers_are_restored(number):
     def get_handlers():
         return [signal.getsignal(number) for number in SIGNALS]
 
-    before, stopped, seen = get_handlers(), [], []
+    before = get_handlers()
+    stopped = []
+    seen = []
     with stop_on_signals(lambda: stopped.append(1)):
         signal.raise_signal(number)
         assert stopped == [1]

@@ -165,7 +165,8 @@ def test_zeros_at_the_start_or_once_do_not_move_the_baseline(zeros):
 
 
 def test_corrupt_zeros_in_noise_do_not_lower_the_baseline():
-    rng, front_end = np.random.default_rng(3), FrontEnd(SKIN, LINEAR)
+    rng = np.random.default_rng(3)
+    front_end = FrontEnd(SKIN, LINEAR)
 
     def signal(t):
         counts = rest(t) + np.round(4.0 * rng.standard_normal(SKIN.count))
@@ -210,7 +211,8 @@ def test_missing_and_faulty_taxels_are_not_valid_and_not_learned_from():
 
 
 def test_offset_is_learned_beside_a_faulty_taxel_that_was_touched():
-    front_end, taxel = FrontEnd(SKIN, LINEAR), np.arange(SKIN.count)
+    front_end = FrontEnd(SKIN, LINEAR)
+    taxel = np.arange(SKIN.count)
     for t in np.arange(10 * 50) / 50:
         counts = rest(t) + 60 * (taxel == 14) * (t >= 5.0) + 60 * (taxel == 15)
         counts -= 60 * (taxel == 15) * (t < 4.5)
@@ -221,7 +223,8 @@ def test_offset_is_learned_beside_a_faulty_taxel_that_was_touched():
 
 @pytest.mark.parametrize("gap", [0.4, 0.6, 2.0, 8.0])
 def test_hand_is_not_learned_where_data_are_missing_for_a_while(gap):
-    front_end, signal = FrontEnd(SKIN, LINEAR), touch(5.0, 60.0, 200)
+    front_end = FrontEnd(SKIN, LINEAR)
+    signal = touch(5.0, 60.0, 200)
     push_signal(signal, 8.0, front_end=front_end)
     _, pressure = push_signal(signal, 3.0, front_end=front_end, start=8.0 + gap)
     np.testing.assert_allclose(pressure[:, TOUCHED], 20.0, atol=0.1)

@@ -21,7 +21,8 @@ from helpers.touch import (
     scan_at,
 )
 
-ROWS, COLUMNS = 12, 14
+ROWS = 12
+COLUMNS = 14
 SKIN = build_grid_skin(ROWS, COLUMNS)
 HALVES = replace(
     SKIN,

@@ -16,7 +16,8 @@ from helpers.touch import (
 MOUNTED = build_mounted_grid()
 SKIN = MOUNTED.skin
 RATE = 50
-LONE, BESIDE = 14, 15
+LONE = 14
+BESIDE = 15
 PAD = press_pad(SKIN, (0.02, 0.02), kpa=1.0, radius=0.015)
 """Share of a press on each taxel of a pad."""
 WIDE = np.ones(SKIN.count)
@@ -24,7 +25,9 @@ WIDE = np.ones(SKIN.count)
 
 def push_counts(added, seconds, noise=1.0, noisy=None):
     """Push scans at rest plus `added(t)`; return the touches ever seen, by id."""
-    rng, pipeline, seen = np.random.default_rng(5), build_pipeline(MOUNTED), {}
+    rng = np.random.default_rng(5)
+    pipeline = build_pipeline(MOUNTED)
+    seen = {}
     sigma = np.full(SKIN.count, noise)
     if noisy is not None:
         sigma[LONE] = noisy
@@ -99,7 +102,8 @@ def test_press_has_the_onset_of_its_first_scan(added, noisy):
 
 def wander(sigma, seconds=0.5, seed=11):
     """Return counts of taxels that wander about rest, each by itself."""
-    rng, counts = np.random.default_rng(seed), np.zeros(SKIN.count)
+    rng = np.random.default_rng(seed)
+    counts = np.zeros(SKIN.count)
     kept = np.exp(-1.0 / (RATE * seconds))
 
     def added(t):
@@ -112,7 +116,8 @@ def wander(sigma, seconds=0.5, seed=11):
 
 
 def test_skin_that_wanders_about_rest_soon_feels_presses_and_nothing_else():
-    slow, pad = wander(7.0), press(PAD, 30.0, 30.4, 200.0)
+    slow = wander(7.0)
+    pad = press(PAD, 30.0, 30.4, 200.0)
     seen, _ = push_counts(lambda t: slow(t) + pad(t), 34.0)
     [touch] = [one for one in seen.values() if one.last > START + 15 * SECOND]
     assert abs(late_by(touch, 30)) <= 0.1
@@ -137,7 +142,8 @@ def pats_with_dips(t):
 def test_hand_is_not_taken_for_noise(force):
     floors = []
     for share in (0.0, 1.0):
-        pipeline, rng = build_pipeline(MOUNTED), np.random.default_rng(5)
+        pipeline = build_pipeline(MOUNTED)
+        rng = np.random.default_rng(5)
         for t in np.arange(20 * RATE) / RATE:
             counts = 200 + rng.standard_normal(SKIN.count)
             counts += share * force(t) * PAD * (t >= 6.6)
@@ -157,7 +163,8 @@ def test_poke_of_a_hand_that_hovered_has_its_own_onset():
 
 
 def test_contact_leaves_out_what_is_far_weaker_than_its_peak():
-    pad, halo = press(PAD, 5.0, 9.0, 400.0), press(WIDE, 5.0, 9.0, 30.0)
+    pad = press(PAD, 5.0, 9.0, 400.0)
+    halo = press(WIDE, 5.0, 9.0, 30.0)
     areas = []
     for added in (pad, lambda t: pad(t) + halo(t) * (PAD == 0)):
         _, state = push_counts(added, 6.0)
@@ -173,7 +180,8 @@ def test_hand_that_rests_without_moving_stays_a_touch(counts):
 
 
 def test_hand_under_which_taxels_are_noisier_stays_a_touch_and_is_no_fault():
-    rng, hold = np.random.default_rng(3), press(PAD, 5.0, 99.0, 40.0)
+    rng = np.random.default_rng(3)
+    hold = press(PAD, 5.0, 99.0, 40.0)
 
     def added(t):
         return hold(t) * (1 + 0.17 * rng.standard_normal(SKIN.count))
@@ -197,7 +205,8 @@ def test_remainder_of_a_touch_does_not_prolong_it():
 @pytest.mark.parametrize(("counts", "loud"), [(100.0, 50.0), (14.0, 5.0)])
 def test_taxels_that_a_hand_made_noisy_from_the_start_work_once_it_lifts(counts, loud):
     """Its noise may be as large as what it presses, and hide that it has lifted."""
-    rng, again = np.random.default_rng(3), press(PAD, 10.0, 10.4, 200.0)
+    rng = np.random.default_rng(3)
+    again = press(PAD, 10.0, 10.4, 200.0)
     sigma = np.where(np.arange(SKIN.count) % 3, 5.0, loud)
 
     def added(t):
@@ -218,7 +227,9 @@ FLOOR = np.full(SKIN.count, 0.7)
 
 def push_noisy(pressure, seconds, rate=RATE, valid=None):
     """Push readings of a noisy skin; return touches by id, and states."""
-    pipeline, seen, states = build_pipeline(MOUNTED), {}, []
+    pipeline = build_pipeline(MOUNTED)
+    seen = {}
+    states = []
     pipeline.front_end.taxels["floor"] = FLOOR
     for n in range(round(seconds * rate)):
         reading = reading_at(n / rate, pressure(n), valid and valid(n))
@@ -250,7 +261,8 @@ def test_taxel_that_stays_displaced_takes_no_later_touch_into_its_own(kpa):
 
     def pressure(n):
         t = n / RATE
-        first, second = press(PAD, 2.0, 2.4, 20.0), press(beside, 12.0, 12.4, kpa)
+        first = press(PAD, 2.0, 2.4, 20.0)
+        second = press(beside, 12.0, 12.4, kpa)
         return np.maximum(first(t), 8.0 * displaced * (t >= 2.2)) + second(t)
 
     seen, _ = push_noisy(pressure, 14.0)

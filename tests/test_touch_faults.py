@@ -267,7 +267,8 @@ def hide(t, counts, received):
 def test_hand_on_rows_that_are_noisy_beside_it_is_doubtful_and_no_fault(lost):
     """A row-column array spreads the noise of a hand over its rows."""
     rows = (SKIN.patch_index == 0) & (SKIN.rows < 3)
-    hand, beside = rows & (SKIN.columns < 3), rows & (SKIN.columns >= 3)
+    hand = rows & (SKIN.columns < 3)
+    beside = rows & (SKIN.columns >= 3)
     rng = np.random.default_rng(7)
 
     def change(t, counts, received):
@@ -325,7 +326,9 @@ def test_patch_that_swings_or_hides_any_press_is_one_fault(change):
 def test_taxel_is_doubtful_before_it_is_faulty_and_as_long_after_it():
     calibration = calibration_of(SKIN)
     detector = FrontEnd(SKIN, calibration)
-    rng, doubted, masked = np.random.default_rng(7), [], []
+    rng = np.random.default_rng(7)
+    doubted = []
+    masked = []
     for t in np.arange(400) / 50:
         counts = np.full(SKIN.count, 200)
         counts[TAXEL] += round(5 * rng.standard_normal())
@@ -424,7 +427,8 @@ def test_line_out_is_one_fault(kind, patch, row, column, value, seconds):
 
 def test_row_that_floats_is_out_though_half_of_it_stays_at_zero():
     """Some of its taxels rest near zero, where converters cut what is below."""
-    rng, line = np.random.default_rng(4), ROW & (SKIN.columns < 3)
+    rng = np.random.default_rng(4)
+    line = ROW & (SKIN.columns < 3)
 
     def change(t, counts, received):
         counts[ROW] = 0

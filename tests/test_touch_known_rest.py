@@ -34,7 +34,8 @@ LONE = np.arange(SKIN.count) == 14
 
 def push_counts(added, seconds, calibration=MEASURED, pipeline=None, start=0.0):
     """Push noisy scans at rest plus `added(t)`; return the touches by id, and both."""
-    rng, seen = np.random.default_rng(5), {}
+    rng = np.random.default_rng(5)
+    seen = {}
     pipeline = pipeline or TouchPipeline(MOUNTED, calibration)
     for t in start + np.arange(round(seconds * RATE)) / RATE:
         counts = REST_COUNTS + rng.standard_normal(SKIN.count) + added(t)
@@ -102,7 +103,8 @@ def test_press_after_a_long_silence_is_felt_with_the_calibrated_noise():
 
 def test_noise_that_has_grown_is_followed():
     calibration = replace(MEASURED, noise=np.full(SKIN.count, 0.3))
-    rng, pipeline = np.random.default_rng(0), TouchPipeline(MOUNTED, calibration)
+    rng = np.random.default_rng(0)
+    pipeline = TouchPipeline(MOUNTED, calibration)
     for t in np.arange(20 * RATE) / RATE:
         noisy = REST_COUNTS + 3.0 * rng.standard_normal(SKIN.count)
         pipeline.push(scan_at(t, np.round(noisy)))

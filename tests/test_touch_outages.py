@@ -13,7 +13,9 @@ from helpers.touch import (
     scan_at,
 )
 
-RATE, REST, FULL = 50, 200, 1000
+RATE = 50
+REST = 200
+FULL = 1000
 PANEL = build_mounted_grid(rows=10, columns=12)
 CALIBRATION = calibration_of(PANEL.skin)
 """One count is 0.1 kPa; contact begins at 7 counts."""
@@ -21,7 +23,8 @@ CALIBRATION = calibration_of(PANEL.skin)
 
 def stream(change, seconds, mounted=PANEL, noise=0.5, seed=0):
     """Push counts at rest, changed by `change(t, counts)`; yield time and state."""
-    pipeline, rng = build_pipeline(mounted), np.random.default_rng(seed)
+    pipeline = build_pipeline(mounted)
+    rng = np.random.default_rng(seed)
     for k in range(round(seconds * RATE)):
         counts = REST + noise * rng.standard_normal(mounted.skin.count)
         counts = change(k / RATE, np.round(counts).astype(int))
@@ -59,7 +62,8 @@ def draw_scan(rng, counts):
     """Return any counts in place of some."""
     value = rng.choice([FULL, 0, -1, rng.integers(FULL)])
     values = rng.integers(-1, FULL + 1, len(counts)) if rng.random() < 0.3 else value
-    start, length = rng.integers(len(counts)), rng.integers(1, len(counts) + 1)
+    start = rng.integers(len(counts))
+    length = rng.integers(1, len(counts) + 1)
     struck = (np.arange(len(counts)) - start) % len(counts) < length
     struck |= rng.random() < 0.3
     struck &= rng.random(len(counts)) < rng.choice([1.0, rng.random()])

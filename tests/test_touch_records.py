@@ -40,8 +40,10 @@ def press_two_hands(t):
 
 
 def test_state_is_the_same_whenever_it_is_read():
-    early, late = build_pipeline(WIDE), build_pipeline(WIDE)
-    described, states = [], []
+    early = build_pipeline(WIDE)
+    late = build_pipeline(WIDE)
+    described = []
+    states = []
     for t in np.arange(0.0, 2.0, 0.02):
         reading = reading_at(t, press_two_hands(t))
         described.append(describe(early.push_reading(reading)))
@@ -51,7 +53,8 @@ def test_state_is_the_same_whenever_it_is_read():
 
 
 def test_changing_a_state_does_not_change_later_states():
-    one, other = build_pipeline(WIDE), build_pipeline(WIDE)
+    one = build_pipeline(WIDE)
+    other = build_pipeline(WIDE)
     for n in range(50):
         # The pad jumps, so that tracks are continued from the places of contacts.
         pressure = press_pad(WIDE.skin, (0.05 + 0.03 * (n % 3), 0.02), 9.0 + n)
@@ -68,7 +71,8 @@ def test_changing_a_state_does_not_change_later_states():
 def test_touch_has_its_taxels_of_this_reading_and_the_one_before():
     pipeline = build_pipeline(WIDE)
     count = WIDE.skin.count
-    before, onset = np.zeros(count), np.zeros(count, np.int64)
+    before = np.zeros(count)
+    onset = np.zeros(count, np.int64)
     for n in range(40):
         now = press_two_hands(n / 20)
         reading = reading_at(n / 20, now)
@@ -100,7 +104,8 @@ def test_touch_counts_its_contacts_and_its_greatest_distance():
 def test_number_of_contacts_is_not_limited():
     mounted = build_mounted_grid(rows=60, columns=60)
     apart = (mounted.skin.rows % 3 == 0) & (mounted.skin.columns % 3 == 0)
-    few, many = 9.0 * (np.arange(3600) < 3), 9.0 * apart
+    few = 9.0 * (np.arange(3600) < 3)
+    many = 9.0 * apart
     first, *others = push_pressures(build_pipeline(mounted), [few, many, many], 10)
     assert len(first.contacts) == 1
     for state in others:
@@ -112,7 +117,8 @@ def test_number_of_contacts_is_not_limited():
 
 def test_refused_reading_changes_nothing():
     mounted = build_hinged_skin()
-    one, other = build_pipeline(mounted), build_pipeline(mounted)
+    one = build_pipeline(mounted)
+    other = build_pipeline(mounted)
     pressure = press_pad(mounted.skin, (0.03, 0.02), kpa=9.0)
     refused = {
         "5 taxels.*72": reading_at(9.0, np.full(5, 9.0), q=np.zeros(1)),

@@ -194,7 +194,8 @@ def test_new_touch_begins_after_finishing():
 def random_pats(skin):
     """Return the pressures of pats at random times and places."""
     rng = np.random.default_rng(9)
-    starts, places = rng.uniform(0, 4, 25), rng.uniform(-0.06, 0.1, (25, 2))
+    starts = rng.uniform(0, 4, 25)
+    places = rng.uniform(-0.06, 0.1, (25, 2))
     pads = np.array([press_pad(skin, place, 5.0 + n) for n, place in enumerate(places)])
 
     def pressure_at(t):
@@ -222,7 +223,8 @@ def describe(states, touches, order=...):
 
 
 def test_touches_do_not_depend_on_taxel_order_and_rigid_motion():
-    mounted, moved = build_hinged_skin(), build_hinged_skin(RIGID_MOTION)
+    mounted = build_hinged_skin()
+    moved = build_hinged_skin(RIGID_MOTION)
     order = np.random.default_rng(10).permutation(72)
     reordered = MountedSkin(reorder_taxels(mounted.skin, order), mounted.robot)
     scene = random_pats(mounted.skin)
@@ -238,7 +240,8 @@ def test_touches_do_not_depend_on_taxel_order_and_rigid_motion():
     assert max(len(state.contacts) for state in one[0]) > 2
     assert describe(*one) == describe(*other, order)
     assert describe(*one) == describe(*third)
-    R, p = RIGID_MOTION[:3, :3], RIGID_MOTION[:3, 3]
+    R = RIGID_MOTION[:3, :3]
+    p = RIGID_MOTION[:3, 3]
     for state, moved_state in zip(one[0], third[0], strict=True):
         for a, b in zip(state.contacts, moved_state.contacts, strict=True):
             np.testing.assert_allclose(R @ a.p_world + p, b.p_world)

@@ -81,7 +81,8 @@ def test_forces_of_contacts_add_up_to_that_of_the_active_taxels():
 
 @pytest.mark.parametrize("q", [0.0, 0.2, 0.4, 1.5])
 def test_contacts_are_the_components_of_taxels_within_reach(q):
-    mounted, angles = build_hinged_skin(), np.array([q])
+    mounted = build_hinged_skin()
+    angles = np.array([q])
     random = np.random.default_rng(int(10 * q)).random(mounted.skin.count)
     pressure = 9.0 * (random < 0.3)
     contacts = find_contacts(mounted, pressure, angles)

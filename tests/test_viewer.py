@@ -109,7 +109,8 @@ def test_camera_sees_the_whole_robot_from_the_side_of_its_skin(skin, turn):
         right /= np.linalg.norm(right)
         rays = np.concatenate([*shapes, places]) - position
         half = np.tan(FIELD_OF_VIEW / 2) * (rays @ ahead)
-        across, up = rays @ right / half, rays @ np.cross(right, ahead) / half
+        across = rays @ right / half
+        up = rays @ np.cross(right, ahead) / half
         square = min(aspect, 1.0)
         assert np.abs(across).max() < square
         assert 1.0 - 2 * square < up.min() and up.max() < 1.0
@@ -128,7 +129,9 @@ def test_shapes_that_cannot_be_read_are_not_drawn_and_told_in_one_line(caplog):
 
 
 def test_lids_close_bare_ends_and_leave_room_for_taxels():
-    robot, skin, meshes = mounted().robot, mounted().skin, build_link_meshes(mounted())
+    robot = mounted().robot
+    skin = mounted().skin
+    meshes = build_link_meshes(mounted())
     lids = {m.link for m in meshes if m.colour[2] > m.colour[0] + 50}
     names = {robot.link_names[link] for link in lids}
     assert {"shoulder_link", "upper_arm_link", "forearm_link"} <= names
@@ -383,7 +386,8 @@ def test_busy_computer_asks_for_nothing():
 
 
 def make_source(scans):
-    robot, skin = mounted().robot, mounted().skin
+    robot = mounted().robot
+    skin = mounted().skin
     calibration = calibration_of(skin)
     info = SourceInfo("sim:test", "ur5", robot.joint_names, skin, calibration, 50.0)
     return PlayedSource(info, scans, STEPPED, ManualClock())
@@ -417,7 +421,8 @@ def test_viewer_shows_touches_and_detections_of_stream(monkeypatch):
 
 @pytest.mark.parametrize("asks", [True, False])
 def test_viewer_shows_what_the_arm_asks_now(monkeypatch, asks):
-    updates, times = [], []
+    updates = []
+    times = []
     page = SimpleNamespace(give=updates.append, wants=lambda: True, close=lambda: None)
     monkeypatch.setattr("eskin.page.viewer.MAX_UPDATE_RATE", 1e9)
     monkeypatch.setattr("eskin.page.viewer.PageProcess", lambda *_: page)
@@ -427,7 +432,8 @@ def test_viewer_shows_what_the_arm_asks_now(monkeypatch, asks):
         times.append(now)
         return board
 
-    recognition, arm = make_recognition(drop="never"), RecordingArm(ManualClock())
+    recognition = make_recognition(drop="never")
+    arm = RecordingArm(ManualClock())
     question = ask if asks else None
     viewer = Viewer(recognition, ViewerConfig(0), arm=arm, question=question)
     source = make_source(scans(mounted(), [], 50, 0.2))
@@ -547,7 +553,8 @@ def test_stalled_page_misses_updates_and_delays_nobody(make_page):
     assert page.shown - shown <= MAX_IN_FLIGHT + 1
 
 
-KILL, CORRECTION = PageOrder("kill", 0.1), CorrectionOrder(1, "poke")
+KILL = PageOrder("kill", 0.1)
+CORRECTION = CorrectionOrder(1, "poke")
 BALL = PaintOrder(1, "forearm_link", (0.0, 0.0, 0.1), 0.03, False)
 
 

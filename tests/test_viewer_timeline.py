@@ -47,7 +47,8 @@ def test_loaded_recording_has_pressure_of_every_reading(path):
     recording = read_recording(path)
     loaded = load_replayed(recording)
     assert len(loaded.seconds) == recording.count == 300
-    pressed, free = loaded.at(1.2), loaded.at(2.5)
+    pressed = loaded.at(1.2)
+    free = loaded.at(2.5)
     assert loaded.pressure[pressed, :10].min() > 10 and loaded.pressure[free].max() < 1
     force = loaded.pressure[pressed].astype(float) @ (1e3 * recording.skin.areas)
     assert loaded.force[pressed] == pytest.approx(force, rel=1e-3)
@@ -60,7 +61,8 @@ def test_view_shows_the_pressures_that_a_live_recogniser_sees(tmp_path):
     """Also those of taxels that it finds faulty, as one that is stuck."""
     path = live.record(tmp_path / "a.mcap", live.mounted(), live.list_faulty_scans())
     recording = read_recording(path)
-    loaded, states = load_replayed(recording), list(live.replay(recording))
+    loaded = load_replayed(recording)
+    states = list(live.replay(recording))
     assert loaded.group == 1 and not loaded.valid.all()
     for row, reading in enumerate(states):
         shown = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
@@ -127,7 +129,8 @@ def test_saving_writes_labels_and_keeps_original(path, editor):
     editor.set_range("double_pat", 1.0, 1.5)
     kept = editor.save()
     assert gestures(path) == ["double_pat", "grab"] and not editor.changed
-    saved, before = read_recording(path), read_recording(kept)
+    saved = read_recording(path)
+    before = read_recording(kept)
     assert (saved.count, saved.detections) == (before.count, before.detections)
     editor.remove(editor.labels[0])
     assert editor.save() == kept and kept.read_bytes() == original
@@ -294,9 +297,11 @@ def test_every_gesture_has_its_place_and_colour_in_the_plot(timeline, editor):
     editor.set_range("wave", 4.507, 4.508)
     timeline.list_labels()
     plot = timeline.overview.plot
-    series, data = [entry["label"] for entry in plot.series], plot.data
+    series = [entry["label"] for entry in plot.series]
+    data = plot.data
     assert len(series) == len(data) and "wave" in series
-    times, shown = data[0], data[series.index("wave")] > 0
+    times = data[0]
+    shown = data[series.index("wave")] > 0
     assert shown.any() and np.abs(times[shown] - 4.5).max() < 0.05
     fills = [
         entry["fill"] for entry in timeline.overview.plot.series if "fill" in entry

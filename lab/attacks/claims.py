@@ -46,7 +46,9 @@ FORCE = 20.0
 """Force of the fingertip [N]."""
 WIDTH = 0.005
 """Standard deviation of its pressure over the skin [m]."""
-ONSET, POKE_SECONDS, END = 2.5, 0.5, 3.5
+ONSET = 2.5
+POKE_SECONDS = 0.5
+END = 3.5
 """Begin and length of the poke, and the end of a try [s]."""
 BASE = 0.05
 """Counts of a free taxel, as a share of full scale."""
@@ -138,8 +140,10 @@ def poke(
     calibration: Calibration, model: Model, truth: Calibration, seed: int
 ) -> Outcome:
     """Poke the sensor of a working arm once."""
-    rng, clock = np.random.default_rng((seed, 58)), ManualClock(START)
-    skin, vocabulary = MOUNTED.skin, model.card.vocabulary
+    rng = np.random.default_rng((seed, 58))
+    clock = ManualClock(START)
+    skin = MOUNTED.skin
+    vocabulary = model.card.vocabulary
     recognizer = Recognizer(model, MOUNTED, calibration)
     arm = HeldArm(clock)
     commands = load_commands(None, vocabulary, skin)
@@ -155,7 +159,8 @@ def poke(
         listener.start(Context(info, clock, publish))
     middle = skin.positions[rng.integers(skin.count)]
     noise = max(0.001 * truth.full_scale, 0.3)
-    felt, early = False, False
+    felt = False
+    early = False
     for number in range(round(END * RATE)):
         seconds = number / RATE
         clock.time = START + round(seconds * NS_PER_S)
@@ -187,7 +192,8 @@ def list_calibrations(
 ) -> Iterator[Claim]:
     """List absurd calibrations of a sensor, with one field changed in each."""
     exact = build.exact_calibration(MOUNTED.skin)
-    count, full = MOUNTED.skin.count, exact.full_scale
+    count = MOUNTED.skin.count
+    full = exact.full_scale
     true = replace(
         exact,
         source="presses",
@@ -200,7 +206,8 @@ def list_calibrations(
     content = json.loads(true.to_bytes()) | {"span": true.span}
     for key in sorted(content):
         changes: dict[str, object] = {repr(other): other for other in OTHERS}
-        value, size = content[key], content[key] or 1.0
+        value = content[key]
+        size = content[key] or 1.0
         if isinstance(value, list):
             numbers = np.array(value)
             for factor in FACTORS:
@@ -275,9 +282,11 @@ def list_models(kind: BuildKind, build: SensorBuild, model: Model) -> Iterator[C
                 changes |= {f"{limit:g}, its limit": limit}
         for what, changed in changes.items():
             new = copy.deepcopy(card)
-            place, plain = new, aliases
+            place = new
+            plain = aliases
             for name in path[:-1]:
-                place, plain = place[name], plain[name]
+                place = place[name]
+                plain = plain[name]
             place[list(place)[list(plain).index(path[-1])]] = changed
             load = partial(read_model_claim, model, new, calibration)
             yield Claim(f"model, {kind}, {'.'.join(path)} {what}", kind, load)
@@ -335,7 +344,9 @@ def is_good(row: str, outcome: Outcome) -> bool:
 
 def main(command: Command) -> None:
     """Try the claims, print a table, and exit with 1 where an outcome is wrong."""
-    model, constants, wrong = load_model("ur5"), load_constants(), 0
+    model = load_model("ur5")
+    constants = load_constants()
+    wrong = 0
     assert NONE in model.card.vocabulary
     np.seterr(all="raise", under="ignore")
     print(format_head(["claims", "tried", "outcomes", "wrong"]))

@@ -44,7 +44,8 @@ TOUCHES = {
     "grab": ("grab",),
     "unknown": ("rub", "squeeze", "press", "resting_hand"),
 }
-GENTLE, CRUSHING = 20.0, 150.0
+GENTLE = 20.0
+CRUSHING = 150.0
 """Greatest force of a touch before, and the force of crushing [N]."""
 KEPT_SECONDS = 2.5
 """Duration of a touch that does not crush [s]."""
@@ -124,7 +125,8 @@ class EventListener(Listener):
 
     name = "event"
     message_types = (Detection, RecognitionState)
-    size, drop = 64, "oldest"
+    size = 64
+    drop = "oldest"
 
     def __init__(self) -> None:
         """Start before the first event."""
@@ -205,7 +207,8 @@ class CrushedArm:
         self.rng = np.random.default_rng([plan.seed, 58])
         self.arm = SimulatedArm(clock=self.clock)
         self.skin = InteractiveSkin("ur5", plan.seed, plan.build)
-        model, mounted = load_model("ur5"), self.skin.mounted
+        model = load_model("ur5")
+        mounted = self.skin.mounted
         vocabulary = model.card.vocabulary
         commands = load_commands(None, vocabulary, mounted.skin)
         recognizer = Recognizer(model, mounted, self.skin.calibration)
@@ -231,7 +234,8 @@ class CrushedArm:
 
     def draw_touch(self, number: int) -> TrueTouch:
         """Draw a touch by a person of its own, with at most the gentle force."""
-        hand, word = self.skin.hand, str(self.rng.choice(TOUCHES[self.plan.touch]))
+        hand = self.skin.hand
+        word = str(self.rng.choice(TOUCHES[self.plan.touch]))
         person = draw_demo_person(self.skin.env, 1000 * self.plan.seed + number)
         touch = hand.draw_touch(*hand.resolve_kind(word), None, person)
         strongest = max(sum(press.force.max() for press in touch.presses), GENTLE)
@@ -257,7 +261,8 @@ class CrushedArm:
         self.arm.resume()
         self.wait(REST)
         self.listener.begin()
-        event, first = self.listener.event, self.source.due
+        event = self.listener.event
+        first = self.source.due
         performed = PerformedTouch(self.draw_touch(number), 0.1, self.skin.env)
         latest = round((1 - LEFT_SHARE) * performed.end)
         self.skin.hand.add(performed)
@@ -269,7 +274,8 @@ class CrushedArm:
                 event.began = stamp
                 performed.touch = self.extend_touch(performed.touch, at)
                 ends = [press.first + press.steps for press in performed.touch.presses]
-                performed.end, performed.over = max(ends), False
+                performed.end = max(ends)
+                performed.over = False
             state = self.arm.state()
             stands = state.stopped or state.speed_limit == 0.0
             if event.began and stands:

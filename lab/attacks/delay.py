@@ -35,7 +35,8 @@ BEGIN = 12.0
 """When an attack begins [s]."""
 TRAVEL = (0.001, 0.003)
 """Range of the delay of a packet that is not attacked [s]."""
-ONE_WAY_ERROR, ECHO_ERROR = 50e-6, 0.01
+ONE_WAY_ERROR = 50e-6
+ECHO_ERROR = 0.01
 """Relative errors of the attacked clock without and with echoes."""
 LIMIT = 0.15
 """Age that nothing obeyed may exceed [s]."""
@@ -100,7 +101,8 @@ def replay(first: float, last: float, cut: bool, gap: float = 0.0) -> Attack:
     """
 
     def attack(sent: Iterable[Arrival], rng: np.random.Generator) -> Iterator[Arrival]:
-        recorded, number = [], 0
+        recorded = []
+        number = 0
         for arrival in sent:
             time = since_begin(arrival) + BEGIN
             if first <= time < last and not isinstance(arrival.packet, PlayedEcho):
@@ -200,7 +202,8 @@ def summarise(line: PlayedLine, arrivals: list[Arrival], seconds: float) -> Dela
         for event in line.events
         if event.kind in ("late", "silent") and event.stamp > START + NS_PER_S
     ]
-    said, age = None, None
+    said = None
+    age = None
     if events:
         came = [a for a in arrivals if a.arrived <= events[0]]
         said = (events[0] - begin) / NS_PER_S

@@ -232,7 +232,8 @@ def build_hits(hits: Hits) -> Series:
     end = max(start + duration for start, duration, _ in hits)
     force = np.zeros(round(end / STEP) + 4)
     for start, duration, peak in hits:
-        first, steps = round(start / STEP), round(duration / STEP)
+        first = round(start / STEP)
+        steps = round(duration / STEP)
         shape = build_bell(steps + 2, 1.0)[1:-1] if steps > 1 else np.ones(1)
         share = min(duration / STEP, 1.0) * (1.0 if steps > 1 else 2 / np.pi)
         part = slice(first + 1, first + 1 + len(shape))

@@ -130,7 +130,8 @@ class Operator:
 
     def __init__(self, arm: SimulatedArm, tally: FaultTally) -> None:
         """Start with an arm that works."""
-        self.arm, self.tally = arm, tally
+        self.arm = arm
+        self.tally = tally
         self.held_since: int | None = None
         self.paused_since: int | None = None
         self.last: int | None = None
@@ -138,7 +139,8 @@ class Operator:
     def update(self, now: int) -> None:
         """Look at the arm at a time [ns]."""
         state = self.arm.state()
-        held, paused = state.hold_reason is not None, state.paused
+        held = state.hold_reason is not None
+        paused = state.paused
         waits = state.speed_limit == 0.0
         if self.last is not None and (held or paused or waits):
             self.tally.stopped += (now - self.last) / NS_PER_S
@@ -173,7 +175,8 @@ class AttackedArm:
         self, fault: str, source: LiveSource, model: Model, plan: AttackPlan
     ) -> None:
         """Start the arm and its policy."""
-        skin, vocabulary = source.skin, model.card.vocabulary
+        skin = source.skin
+        vocabulary = model.card.vocabulary
         self.tally = FaultTally()
         self.arm = SimulatedArm(clock=source.clock)
         self.operator = Operator(self.arm, self.tally)
@@ -215,12 +218,14 @@ def plan_builds(command: Command, names: list[str]) -> list[AttackPlan]:
     """Plan the builds of all seeds."""
     plans = []
     for number in range(command.seeds):
-        left, build = 60.0 * command.minutes, 0
+        left = 60.0 * command.minutes
+        build = 0
         while left > 0:
             part = min(left, 60.0 * command.build_minutes)
             seed = 1000 * number + build
             plans.append(AttackPlan(tuple(names), part, seed))
-            left, build = left - part, build + 1
+            left = left - part
+            build = build + 1
     return plans
 
 

@@ -38,7 +38,8 @@ from lab.attacks.hostile_texts import (
 )
 from lab.tables import format_head, format_row
 
-MAX_SECONDS, MAX_MEGABYTES = 2.0, 500.0
+MAX_SECONDS = 2.0
+MAX_MEGABYTES = 500.0
 PATIENCE = 60.0
 """Time after which a command is killed [s]."""
 Kind = Literal[
@@ -208,7 +209,8 @@ def wait(process: subprocess.Popen[bytes]) -> tuple[int, float, float]:
 
     It is killed after `PATIENCE`.
     """
-    end, peak = time.monotonic() + PATIENCE, 0.0
+    end = time.monotonic() + PATIENCE
+    peak = 0.0
     while True:
         peak = max(peak, read_peak(process.pid))
         number, status, usage = os.wait4(process.pid, os.WNOHANG)

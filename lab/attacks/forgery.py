@@ -71,7 +71,8 @@ class Attacker:
         self.true = self.refused = 0
         self.line = SealedLine(1, 2, key, seed)
         self.watch(self.line, WARM_UP)
-        self.earlier, self.seen = self.seen, []
+        self.earlier = self.seen
+        self.seen = []
         self.line = SealedLine(1, 2, key, seed + 1)
         self.watch(self.line, 100)
         self.earlier += self.seen
@@ -157,7 +158,8 @@ def splice(attacker: Attacker) -> bytes:
 
 def renew(attacker: Attacker) -> bytes:
     """Send an old packet with the session and counter of a fresh one."""
-    old, fresh = attacker.choose(attacker.earlier), attacker.choose(attacker.fresh)
+    old = attacker.choose(attacker.earlier)
+    fresh = attacker.choose(attacker.fresh)
     numbers = fresh[SEAL_START : SEAL_START + 8]
     return correct(old[:SEAL_START] + numbers + old[SEAL_START + 8 : -CRC.size])
 

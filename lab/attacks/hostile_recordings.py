@@ -29,7 +29,9 @@ from lab.attacks.hostile_texts import (
 
 START = 1_700_000_000_000_000_000
 PERIOD = 20_000_000
-READINGS, LABELS, OTHERS = 1, 2, 3
+READINGS = 1
+LABELS = 2
+OTHERS = 3
 """Channels of the files; there is no channel 3, so its messages are passed over."""
 
 

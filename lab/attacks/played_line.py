@@ -39,7 +39,8 @@ from eskin.units import NS_PER_S
 
 START = 10**18
 """When playing begins [ns since the epoch]."""
-ROWS, COLUMNS = 4, 4
+ROWS = 4
+COLUMNS = 4
 CHECK = NS_PER_S // 50
 """Interval at which the policy checks the skin without a reading [ns]."""
 UPTIME = 7.0
@@ -108,7 +109,8 @@ class PlayedPatch:
         echo_at = 0.0
         for number in range(round(seconds * self.rate)):
             made = START + round((number + self.phase) * NS_PER_S / self.rate)
-            scan, time = number % 2**16, self.read_clock(made)
+            scan = number % 2**16
+            time = self.read_clock(made)
             if number % round(self.rate) == 0:
                 hello = (ROWS, COLUMNS, ROWS * COLUMNS, round(self.rate))
                 serial = 1000 + self.address
@@ -172,7 +174,8 @@ class HeldArm(Arm):
     def hold(self, reason: str) -> None:
         """Note when it is held first."""
         if self.reason is None:
-            self.held_at, self.reason = self.clock.now(), reason
+            self.held_at = self.clock.now()
+            self.reason = reason
 
     def release(self) -> None:
         """Move again."""

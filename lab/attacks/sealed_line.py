@@ -46,7 +46,8 @@ class MemoryLine(Transport):
 
     def read(self, timeout: float) -> list[ReceivedPacket]:
         """Return what arrives; the clock advances where nothing does."""
-        arriving, self.arriving = self.arriving, []
+        arriving = self.arriving
+        self.arriving = []
         if not arriving:
             self.clock.sleep(timeout)
         return arriving
@@ -161,7 +162,8 @@ class SealedLine:
     def wait_period(self) -> list[bytes]:
         """Wait for one period; return the answers to the host's requests."""
         self.clock.sleep(1.0 / RATE)
-        requests, self.line.requests = self.line.requests, []
+        requests = self.line.requests
+        self.line.requests = []
         return self.build_answers(requests)
 
     def step(self) -> None:

@@ -187,7 +187,8 @@ def step(
         taxels: the taxels.
         in_step: whether all step at the same times, and take `RISE` to do so.
     """
-    rng, rise = target.rng, RISE if in_step else 0.0
+    rng = target.rng
+    rise = RISE if in_step else 0.0
     count = 1 if in_step else len(taxels)
     high = rng.random(count) < 0.5
     noise = np.zeros(target.skin.count)

@@ -84,7 +84,8 @@ def unroll_about_axis(
     """
     points = positions - positions.mean(axis=0)
     along, *across = np.linalg.svd(find_axis(points, normals)[None])[2]
-    xy, n = points @ np.transpose(across), normals @ np.transpose(across)
+    xy = points @ np.transpose(across)
+    n = normals @ np.transpose(across)
     spread = max(n.var(axis=0).sum(), 0.25)
     x, y = (xy + n.mean(axis=0) * np.sqrt(xy.var(axis=0).sum() / spread)).T
     return points @ along, np.arctan2(y, x) % (2 * np.pi)

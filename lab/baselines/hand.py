@@ -73,7 +73,8 @@ def compute_graph_features(
 
 def compute_pressure_series(graphs: GraphBatch) -> FeatureSeries:
     """Return force, peak, area, two extents, change and speed at each reading."""
-    p, a = graphs.pressure, graphs.areas
+    p = graphs.pressure
+    a = graphs.areas
     column = PRESSURE_SUMMARY.index("length")
     extents = compute_summary(graphs, shear=False)[:, column : column + 2]
     change = np.abs(p - graphs.before) * a / graphs.seconds[graphs.graph_index]
@@ -109,7 +110,8 @@ def compute_shear_series(graphs: GraphBatch) -> FeatureSeries:
     size = np.linalg.norm(graphs.shear, axis=1)
     change = np.linalg.norm(graphs.shear - graphs.shear_before, axis=1)
     axes = [graphs.sum_nodes(graphs.shear[:, axis]) for axis in range(3)]
-    net, rate = np.linalg.norm(axes, axis=0), graphs.sum_nodes(change) / graphs.seconds
+    net = np.linalg.norm(axes, axis=0)
+    rate = graphs.sum_nodes(change) / graphs.seconds
     peak = np.zeros(graphs.size)
     np.maximum.at(peak, graphs.graph_index, size)
     return np.stack([graphs.sum_nodes(size), peak, net, rate])
@@ -210,7 +212,8 @@ class GraphWindow:
         reading = Reading(self.stamp, pressure, self.valid, q.astype(np.float64))
         self.builder.advance(reading, taxels)
         self.graphs.append(self.builder.build(taxels, self.earlier))
-        self.earlier, self.stamp = taxels, self.stamp + STEP_NS
+        self.earlier = taxels
+        self.stamp = self.stamp + STEP_NS
 
 
 @final
@@ -219,7 +222,8 @@ class HandStream(BaselineStream):
 
     def __init__(self, baseline: HandBaseline) -> None:
         """Start with a window without touch."""
-        self.baseline, mounted = baseline, baseline.mounted
+        self.baseline = baseline
+        mounted = baseline.mounted
         self.window = GraphWindow(mounted)
         q = np.zeros((READINGS, len(mounted.robot.joint_names)))
         self.window.fill(np.zeros((READINGS, mounted.skin.count), np.float32), q)

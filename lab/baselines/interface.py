@@ -129,7 +129,8 @@ class Baseline(ABC):
 
     def check(self, clips: SkinWindows) -> None:
         """Reject windows of another skin or robot."""
-        skin, robot = self.mounted.skin, self.mounted.robot
+        skin = self.mounted.skin
+        robot = self.mounted.robot
         wanted = (READINGS, skin.count), (READINGS, len(robot.joint_names))
         got = clips.pressure.shape[1:], clips.q.shape[1:]
         if got != wanted:
@@ -191,7 +192,8 @@ class WindowStream(BaselineStream):
 
     def __init__(self, baseline: Baseline) -> None:
         """Start with a window without touch."""
-        self.baseline, mounted = baseline, baseline.mounted
+        self.baseline = baseline
+        mounted = baseline.mounted
         self.pressure = RollingWindow((mounted.skin.count,))
         self.q = RollingWindow((len(mounted.robot.joint_names),))
 

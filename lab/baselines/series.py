@@ -82,7 +82,8 @@ class MiniRocket(BaseEstimator):
         """Draw channels and thresholds; see series of training."""
         rng = np.random.default_rng(self.seed)
         self.scale_ = X.std(axis=(0, 2), keepdims=True) + 1e-9
-        pairs, most = (len(DILATIONS), len(KERNELS)), X.shape[1]
+        pairs = (len(DILATIONS), len(KERNELS))
+        most = X.shape[1]
         counts = (2 ** rng.uniform(0, np.log2(most + 1), pairs)).astype(int)
         order = rng.random((*pairs, most)).argsort(axis=2).argsort(axis=2)
         self.mixes_ = (order < counts[..., None]).astype(float)
@@ -98,14 +99,16 @@ class MiniRocket(BaseEstimator):
         """Return the features of series."""
         shares = []
         for d, k in product(range(len(DILATIONS)), range(len(KERNELS))):
-            found, pad = self.convolve(X, d, k), 4 * DILATIONS[d]
+            found = self.convolve(X, d, k)
+            pad = 4 * DILATIONS[d]
             kept = found[:, pad:-pad] if (d + k) % 2 else found
             shares += [(kept > bias).mean(axis=1) for bias in self.biases_[d, k]]
         return np.stack(shares, axis=1)
 
     def convolve(self, X: Series, d: int, k: int) -> Float[np.ndarray, "touch 100"]:
         """Return the convolution by a dilation and a kernel, each by its number."""
-        mixed, step = self.mixes_[d, k] @ (X / self.scale_), DILATIONS[d]
+        mixed = self.mixes_[d, k] @ (X / self.scale_)
+        step = DILATIONS[d]
         padded = np.pad(mixed, [(0, 0), (4 * step, 4 * step)])
         return (
             sliding_window_view(padded, 8 * step + 1, axis=1)[..., ::step] @ KERNELS[k]
@@ -186,7 +189,8 @@ class Timers(ClassifierMixin, BaseEstimator):
         """Return the gesture of each touch."""
         names = "force", "area", "travel"
         force, area, travel = (X[:, CHANNELS.index(name)] for name in names)
-        limits, on = self.limits_, force >= self.limits_["force"]
+        limits = self.limits_
+        on = force >= self.limits_["force"]
         presses = on[:, 0] + (on[:, 1:] & ~on[:, :-1]).sum(axis=1)
         steps = on.sum(axis=1)
         rules = {

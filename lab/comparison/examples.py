@@ -335,8 +335,10 @@ def cut_clip_windows(
     live. Taxels that are invalid, or whose pressure may be noise alone, read zero, and
     none reads more than `LARGEST_PRESSURE`; a missing reading repeats the one before.
     """
-    recording, clips = read_recording(path), read_clips(path)
-    taxels, joints = recording.skin.count, len(recording.joint_names)
+    recording = read_recording(path)
+    clips = read_clips(path)
+    taxels = recording.skin.count
+    joints = len(recording.joint_names)
     pressure = np.zeros((len(clips), READINGS, taxels), np.float16)
     q = np.zeros((len(clips), READINGS, joints), np.float32)
     starts = np.array([clip.start for clip in clips])

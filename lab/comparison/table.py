@@ -178,7 +178,9 @@ def compute_lead(
     test: str,
 ) -> Lead:
     """Return the lead of the first method over another on the examples of a test."""
-    theirs, ours, people = [], [], []
+    theirs = []
+    ours = []
+    people = []
     for draw, seed in sorted(results):
         answered = results[draw, seed].answered[test]
         theirs.append(answered.correct)
@@ -213,7 +215,8 @@ def format_lead(ahead: Lead | None) -> str:
 
 def format_tables(rows: Sequence[ComparisonRow], words: Words = CLIPS) -> str:
     """Format the rows as Markdown tables, one for each test, with captions."""
-    tables, lead = [], f"{rows[0].name} ahead"
+    tables = []
+    lead = f"{rows[0].name} ahead"
     for test in dict.fromkeys(row.test for row in rows):
         heads = ("method", "runs", "validation (SD)", lead, f"{test} (SD)", lead)
         lines = [format_head(heads)]

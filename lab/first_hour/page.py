@@ -99,6 +99,7 @@ def walk(port: int, show: bool) -> int:
             total += seconds
             print(printed if show else "", end="")
             print(f"{seconds:6.1f} s  {step.title}", flush=True)
-    made, found = find_made(steps), find_detections(printed)
+    made = find_made(steps)
+    found = find_detections(printed)
     print(f"{total:6.1f} s  in all\nmade:       {made}\nrecognised: {found}")
     return int(made != found)

@@ -131,8 +131,11 @@ def count_untouched(
     recognizer = Recognizer(
         load_model(model), mounted, replace(calibration, floor=floor * full)
     )
-    watcher, count, ignored = Watcher(recognizer), RestCount(), RestCount()
-    found, last = [], int(stamps[0])
+    watcher = Watcher(recognizer)
+    count = RestCount()
+    ignored = RestCount()
+    found = []
+    last = int(stamps[0])
     for scan, counts in zip(scans, counted, strict=True):
         watcher.rest = count if counts and scan.stamp - last <= LONGEST else ignored
         last = scan.stamp
@@ -148,7 +151,8 @@ def count_untouched(
 def print_set(kind: str, command: Command, paths: tuple[Path, ...]) -> None:
     """Print the rows of a set, one for each floor."""
     for floor in FLOORS:
-        total, stretches = RestCount(), 0
+        total = RestCount()
+        stretches = 0
         work = partial(count_untouched, kind=kind, floor=floor, model=command.model)
         with get_context("spawn").Pool(command.workers) as pool:
             for count, number in pool.imap_unordered(work, paths):

@@ -51,19 +51,25 @@ PATCHES = ("upper_arm_back", "forearm_front", "wrist_2")
 """Patches that hands rest on, each of another link."""
 FACTORS = (1.5, 3.0, 10.0)
 SWAYS = (0.0, 0.06, 0.12)
-QUIET, BETWEEN, RESTING = 5.0, 1.5, 60.0
+QUIET = 5.0
+BETWEEN = 1.5
+RESTING = 60.0
 """Time before the first hand, from one to the next, and for which each rests [s]."""
 FELT_AFTER = 3.0
 """Time after landing at which a hand is a touch [s]."""
 CREEP = 0.1
-SWITCHED_ON, PAUSE, PRESS = 5.0, 1.0, 0.6
+SWITCHED_ON = 5.0
+PAUSE = 1.0
+PRESS = 0.6
 """Time that a hand rests after the skin is switched on, until the next press, and the
 duration of that [s]."""
 FINGER = 4
 """Number of taxels that a finger presses."""
 PRESS_FACTOR = 5.0
 """Pressure of that press, by activation pressure."""
-NEAR, FORCE_SHARE, ONSET_SECONDS = 0.010, 0.2, 0.1
+NEAR = 0.010
+FORCE_SHARE = 0.2
+ONSET_SECONDS = 0.1
 APART = 0.2
 """Least distance between two hands [m]."""
 LATEST = 0.1
@@ -268,7 +274,8 @@ def start_under_hand(plan: RestPlan) -> StartResult:
     build = build_creeping(plan, env)
     rng = np.random.default_rng((plan.seed, plan.number, 32))
     q = draw_pose(env, POSE_GROUPS, rng)
-    patch, shape = str(rng.choice(PATCHES)), str(rng.choice(list(SHAPES)))
+    patch = str(rng.choice(PATCHES))
+    shape = str(rng.choice(list(SHAPES)))
     taxels = draw_block(shape, patch, env.mounted.skin, rng)
     factor = float(rng.choice(FACTORS))
     resting = Hand(

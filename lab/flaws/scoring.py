@@ -16,7 +16,8 @@ CONTACT_FORCE = 0.2
 """True force on all taxels from which there is contact [N]."""
 STRONG_FORCE = 1.0
 """Peak force from which a touch must be found [N]."""
-ONSET_SECONDS, END_SECONDS = 0.1, 0.3
+ONSET_SECONDS = 0.1
+END_SECONDS = 0.3
 """Largest errors of the onset and of the end of a touch that is found [s]."""
 NEAR = 0.15
 """Largest distance of a touch from the centre of the true force [m]."""
@@ -243,13 +244,15 @@ class Watcher:
             if not row.confirmed:
                 continue
             trail = trails.setdefault(row.id, Trail(row.id))
-            trail.onset, trail.last = row.onset, row.last
+            trail.onset = row.onset
+            trail.last = row.last
             trail.merged_into = row.merged_into
         names = self.recognizer.model.card.vocabulary
         rows = {row.id: row for row in state.rows}
         for touch in state.touches:
             answer = names[int(self.recognizer.probabilities[touch.id].argmax())]
-            row, place = rows[touch.id], touch.contact.p_world
+            row = rows[touch.id]
+            place = touch.contact.p_world
             trails[touch.id].samples.append(
                 Sample(state.reading.stamp, row.force, place, answer)
             )

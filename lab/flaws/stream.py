@@ -29,7 +29,8 @@ from eskin.skin import Skin
 from eskin.units import NS_PER_S
 from lab.flaws.scoring import RestCount, TouchScore, TrueContact, Watcher, score_touch
 
-INTACT, ALL = "none", "all typical"
+INTACT = "none"
+ALL = "all typical"
 LEVELS: tuple[FlawLevel, ...] = get_args(FlawLevel)
 FLAWED: dict[str, Mapping[str, FlawLevel]] = {
     INTACT: {},
@@ -176,7 +177,9 @@ class BuildRun:
 
     def touch(self, gesture: str) -> TouchScore | None:
         """Perform a touch and a pause; return its score, or None without force."""
-        self.truths, self.stamps, self.forces = [], [], []
+        self.truths = []
+        self.stamps = []
+        self.forces = []
         self.watcher.follow()
         self.live.hand.perform(gesture)
         while self.live.hand.touching:

@@ -23,7 +23,9 @@ from lab.fuzz.run import Target, check_refusal
 
 DATA = Path(__file__).parents[2] / "tests/data"
 VECTORS = (DATA / "protocol_v1.json", DATA / "protocol_v2.json")
-PACKET, SEALED, STREAM = 0, 1, 2
+PACKET = 0
+SEALED = 1
+STREAM = 2
 """Modes of an input, by its first byte modulo 3: the rest is a packet; a packet without
 its CRC, which is added so that later checks are reached; or data of a serial line."""
 REASONS = {"length", "crc", "version", "kind", "content"}
@@ -56,7 +58,8 @@ class DecoderTarget(Target):
 
     def feed(self, data: bytes) -> bool:
         """Decode the input; an accepted packet must be encoded to the same bytes."""
-        mode, content = (data[0] % 3 if data else PACKET), data[1:]
+        mode = data[0] % 3 if data else PACKET
+        content = data[1:]
         if mode == PACKET:
             return accepts(content)
         if mode == SEALED:
@@ -88,8 +91,10 @@ def remove_seal(data: bytes) -> bytes:
 
 def found(stream: bytes) -> list[bytes]:
     """Return the packets of a stream, which must not depend on its division."""
-    whole, parts = Deframer(), Deframer()
-    packets, size = whole.push(stream), 1 + len(stream) % 97
+    whole = Deframer()
+    parts = Deframer()
+    packets = whole.push(stream)
+    size = 1 + len(stream) % 97
     pieces = []
     for start in range(0, len(stream), size):
         pieces += parts.push(stream[start : start + size])

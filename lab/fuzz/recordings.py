@@ -80,7 +80,8 @@ class RecordingTarget(Target):
 
 def write(path: Path) -> None:
     """Write a recording with every kind of content."""
-    skin, rng = small_skin(), np.random.default_rng(0)
+    skin = small_skin()
+    rng = np.random.default_rng(0)
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     metadata = Metadata("set", "P1", "morning", "paper", {"rate": "20 Hz"})
     received = np.ones(skin.count, np.bool_)
@@ -106,7 +107,8 @@ def write(path: Path) -> None:
 
 def split(data: bytes) -> list[Record]:
     """Split consecutive records."""
-    records, offset = [], 0
+    records = []
+    offset = 0
     while offset < len(data):
         opcode, length = RECORD_HEADER.unpack_from(data, offset)
         offset += RECORD_HEADER.size

@@ -70,7 +70,9 @@ class Outcome:
 
 def fuzz(target: Target, first: int, inputs: int, seed: int) -> Outcome:
     """Run a target; input number n does not depend on the inputs before it."""
-    outcome, start, before = Outcome(), time.monotonic(), resident_peak()
+    outcome = Outcome()
+    start = time.monotonic()
+    before = resident_peak()
     with limits():
         for number in range(first, first + inputs):
             data = target.make(random.Random(seed * PLACES + number))

@@ -53,7 +53,8 @@ class SkinTarget(Target):
     def make(self, rng: random.Random) -> bytes:
         """Return both files, with one or both of them mutated."""
         which = rng.randrange(5)
-        manifest, table = self.manifest, self.table
+        manifest = self.manifest
+        table = self.table
         if which <= 2:
             manifest = mutate(manifest, rng, YAML_WORDS)
         if which >= 2:

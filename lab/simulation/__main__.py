@@ -45,7 +45,8 @@ def physics(command: Command) -> str:
 def rig(command: Command) -> str:
     """Check areas, peaks and durations on the grid of CoST."""
     constants = load_constants()
-    people, difficulty = 3 * command.people, constants.value("sets.difficulty")
+    people = 3 * command.people
+    difficulty = constants.value("sets.difficulty")
     checks = rig_checks(constants, people, 4, difficulty, command.seed)
     return as_table(f"The rig of CoST, {people} people, 4 captures each", checks)
 

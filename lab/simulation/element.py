@@ -94,7 +94,8 @@ def exponent_checks(
             for _ in range(repeats)
         ]
     )
-    build, step = build_element(skin, constants), constants.value("time.step")
+    build = build_element(skin, constants)
+    step = constants.value("time.step")
     loads = np.array([0.25, 0.5, 1.0, 2.0])
     plateaus = [
         conductance(share * stepped(1.0, step), build, skin, constants)[-1]
@@ -110,7 +111,8 @@ def exponent_checks(
 
 def creep_checks(play: partial, constants: Constants) -> list[BandCheck]:
     """Check the creep of presses and of long holds."""
-    step, period = constants.value("time.step"), constants.value("sensor.period")
+    step = constants.value("time.step")
+    period = constants.value("sensor.period")
     short = play(stepped(1.5, step))
     long = play(stepped(62.0, step))
     onset = round(0.1 / period)
@@ -138,7 +140,8 @@ def creep_checks(play: partial, constants: Constants) -> list[BandCheck]:
 
 def release_check(play: partial, constants: Constants) -> BandCheck:
     """Check the time from the end of the load to zero conductance."""
-    step, period = constants.value("time.step"), constants.value("sensor.period")
+    step = constants.value("time.step")
+    period = constants.value("sensor.period")
     read = play(stepped(1.0, step, after=0.3))
     released = 0.1 + 1.0
     last = np.flatnonzero(read > 0)[-1] * period
@@ -164,7 +167,8 @@ def loop_checks(play: partial, constants: Constants) -> list[BandCheck]:
     for seconds, low, high in ((0.5, 15, 35), (20.0, 7, 20)):
         up = np.linspace(0.0, 1.5 * LOAD, round(seconds / step) + 1)
         series = np.concatenate([up, up[-2::-1], [0.0]])
-        read, pressure = play(series), series[::2]
+        read = play(series)
+        pressure = series[::2]
         top = len(read) // 2
         falling = (pressure[top:][::-1], read[top:][::-1])
         back = np.interp(pressure[: top + 1], *falling)

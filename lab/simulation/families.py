@@ -18,7 +18,10 @@ LOAD = 25.0
 """Pressure on the pressed block [kPa]."""
 SIDE = 4
 """Rows and columns of the pressed block."""
-REST, HOLD, PRESS, PAUSE = 60.0, 66.0, 0.6, 5.0
+REST = 60.0
+HOLD = 66.0
+PRESS = 0.6
+PAUSE = 5.0
 """Seconds of rest, of the long hold, of each short press and of the pause after it."""
 PRESSES = 8
 CHIP = 405
@@ -141,7 +144,8 @@ def measure_shared(rest: LoadRecording) -> float:
     fast = np.diff(rest.level[:, patch], axis=0)
     spread = fast.std(axis=0)
     usual = (spread > 0.0) & (spread < 3.0 * np.median(spread) + 1e-9)
-    fast, rows = fast[:, usual] / spread[usual], rest.skin.rows[patch[usual]]
+    fast = fast[:, usual] / spread[usual]
+    rows = rest.skin.rows[patch[usual]]
     found = []
     for row in np.unique(rows):
         inside = fast[:, rows == row]
@@ -176,7 +180,8 @@ def measure_touched_noise(hold: LoadRecording, rest: LoadRecording) -> float:
 
 def measure_creep(hold: LoadRecording) -> float:
     """Measure the growth of the summed signal in a doubling of time, from 1 to 64 s."""
-    signal, start = hold.sum_signal(), round(4.0 * hold.rate)
+    signal = hold.sum_signal()
+    start = round(4.0 * hold.rate)
     at = [start + round(2.0**n * hold.rate) for n in range(7)]
     smooth = [np.median(signal[place - 5 : place + 6]) for place in at]
     return float(np.mean(np.diff(np.log(smooth))))
@@ -205,7 +210,8 @@ def measure_leak(hold: LoadRecording, line: np.ndarray, along: np.ndarray) -> fl
     first = slice(round(5.0 * hold.rate), round(15.0 * hold.rate))
     signal = hold.level[first].mean(axis=0) - rest
     patch = np.intersect1d(hold.skin.find_taxels(PATCH), hold.working)
-    block, shares = hold.pressed, []
+    block = hold.pressed
+    shares = []
     for number in np.unique(line[block]):
         inside = block[line[block] == number]
         others = patch[(line[patch] == number)]
@@ -218,14 +224,16 @@ def measure_leak(hold: LoadRecording, line: np.ndarray, along: np.ndarray) -> fl
 def measure_edges(presses: LoadRecording) -> tuple[float, float]:
     """Measure the medians of the time to rise 10-90 % and to fall 90-10 % [s]."""
     signal = presses.sum_signal()
-    rises, falls = [], []
+    rises = []
+    falls = []
     for press in range(PRESSES):
         start = round((2.0 + press * (PRESS + PAUSE)) * presses.rate)
         end = start + round(PRESS * presses.rate)
         part = signal[start - 5 : end + round(PAUSE * presses.rate) - 5]
         part = part / np.median(signal[end - 4 : end])
         peak = end - start + 5
-        up, down = part[:peak], part[peak - 1 :]
+        up = part[:peak]
+        down = part[peak - 1 :]
         rises.append(np.argmax(up > 0.9) - np.argmax(up > 0.1))
         falls.append(find_last(down > 0.1) - find_last(down > 0.9))
     period = 1.0 / presses.rate
@@ -239,7 +247,8 @@ def find_last(flags: np.ndarray) -> int:
 
 def measure_left(presses: LoadRecording, seconds: float) -> float:
     """Measure what is left of the peak so long after a press, at the median."""
-    signal, left = presses.sum_signal(), []
+    signal = presses.sum_signal()
+    left = []
     for press in range(PRESSES):
         end = round((2.0 + press * (PRESS + PAUSE) + PRESS) * presses.rate)
         after = end + round(seconds * presses.rate)

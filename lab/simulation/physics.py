@@ -208,7 +208,8 @@ def time_checks(constants: Constants, people: int, seed: int) -> list[BandCheck]
     """Check the time of contact of bumps and pats."""
     rng = np.random.default_rng([seed, 62])
     site = ContactSite(0, (0.0, 0.0), 0.0375, (-0.1, 0.1), 0.0)
-    bumps, pats = [], []
+    bumps = []
+    pats = []
     for number in range(people):
         person = draw_person(f"times-{number}", constants, rng)
         for gesture, kind, name, found in (
@@ -230,7 +231,8 @@ def wander_checks(constants: Constants, people: int, seed: int) -> list[BandChec
     every = round(SAMPLED / constants.value("time.step"))
     checks = []
     for name, (gesture, kind, way, span) in WANDER.items():
-        ways, spans = [], []
+        ways = []
+        spans = []
         for number in range(people):
             person = draw_person(f"wander-{number}", constants, rng)
             touch = perform(gesture, kind, person, site, constants, rng, 1.5, None)

@@ -144,7 +144,8 @@ def captures(
 
 def rig_chart() -> Chart:
     """Build the grid of CoST round its forearm, finer than its cells."""
-    count, pitch = CELLS * FINER, PITCH / FINER
+    count = CELLS * FINER
+    pitch = PITCH / FINER
     offsets = (np.arange(count) - (count - 1) / 2) * pitch
     unrolled = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
     cells = np.tile(np.eye(2) * pitch / 2, (len(unrolled), 1, 1))

@@ -42,7 +42,8 @@ class StampPrinter(Listener):
 
 def idle_source() -> PlayedSource:
     """Build a source of the idle ur5 skin in real time: noise and moving joints."""
-    skin, robot = load_skin("ur5"), load_robot("ur5")
+    skin = load_skin("ur5")
+    robot = load_robot("ur5")
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     names = tuple(robot.joint_names)
     info = SourceInfo("sim:ur5", "ur5", names, skin, calibration, RATE)

@@ -72,7 +72,8 @@ def stream_line(seconds: float, real: bool) -> str:
 
 def stream_simulated(seconds: float) -> Soaked:
     """Stream over pseudo-terminals on a simulated clock, as fast as possible."""
-    clock, mounted = ManualClock(10**18), mounted_skin()
+    clock = ManualClock(10**18)
+    mounted = mounted_skin()
     with ExitStack() as stack:
         lines = [stack.enter_context(PtyPort()) for _ in range(PORTS)]
         paths = [line.uri.removeprefix("serial:") for line in lines]
@@ -124,12 +125,14 @@ def measure_stream(
     with Stream(source, [recognition]) as stream:
         while not is_settled():
             stream.wait(LOOK)
-        memory, threads = measure_memory(), threading.active_count()
+        memory = measure_memory()
+        threads = threading.active_count()
         before = count_losses(source, stream)
         while not is_over():
             stream.wait(LOOK)
         lost = {key: n - before[key] for key, n in count_losses(source, stream).items()}
-        after, threads_after = measure_memory(), threading.active_count()
+        after = measure_memory()
+        threads_after = threading.active_count()
     # Detections are counted after the stream has closed: only then is its queue empty.
     return Soaked(
         readings=source.counters()["readings"],

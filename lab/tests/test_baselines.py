@@ -73,7 +73,8 @@ def test_probabilities_are_of_all_classes_and_sum_to_one(name):
 @every_baseline
 def test_the_same_seed_gives_the_same_answers(name):
     clips, _ = toy(2)
-    one, other = fitted(name), fit(name, 5)
+    one = fitted(name)
+    other = fit(name, 5)
     answers = one.predict_probabilities(clips)
     assert np.array_equal(answers, other.predict_probabilities(clips))
 
@@ -81,7 +82,8 @@ def test_the_same_seed_gives_the_same_answers(name):
 @pytest.mark.parametrize("name", ["mlp-max", "random-forest", *NETWORKS])
 def test_another_seed_gives_other_answers(name):
     clips, _ = toy(2)
-    one, other = fitted(name), fit(name, 6)
+    one = fitted(name)
+    other = fit(name, 6)
     answers = one.predict_probabilities(clips)
     assert not np.array_equal(answers, other.predict_probabilities(clips))
 

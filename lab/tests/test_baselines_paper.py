@@ -32,7 +32,8 @@ def between_links():
 
 def readings(moving=True):
     """A touch over a seam, one on two links of the folded arm, one alone, and none."""
-    skin, rng = UR5.skin, np.random.default_rng(0)
+    skin = UR5.skin
+    rng = np.random.default_rng(0)
     pressure = np.zeros((4, skin.count), np.float32)
     p_world, _ = UR5.place_taxels(FOLDED)
     seam = p_world[skin.find_taxels("forearm_front")[15]]
@@ -45,10 +46,12 @@ def readings(moving=True):
 
 
 def test_computing_only_changed_nodes_gives_the_same_features():
-    some, all_nodes = network(), network()
+    some = network()
+    all_nodes = network()
     all_nodes.whole = True
     with torch.inference_mode():
-        one, other = some.encode(*readings()), all_nodes.encode(*readings())
+        one = some.encode(*readings())
+        other = all_nodes.encode(*readings())
     assert one.shape == (4, 32)
     assert (one[0] - one[3]).abs().max() > 1e-3
     torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-3)
@@ -70,32 +73,40 @@ def test_computing_only_changed_nodes_gives_the_same_means_and_gradients():
 
 def test_features_are_invariant_under_rigid_motion():
     """The first joint carries all of the skin."""
-    net, (pressure, q) = network(), readings(moving=False)
+    net = network()
+    (pressure, q) = readings(moving=False)
     turned = q.clone()
     turned[:, 0] += 1.0
     with torch.inference_mode():
-        one, other = net.encode(pressure, q), net.encode(pressure, turned)
+        one = net.encode(pressure, q)
+        other = net.encode(pressure, turned)
     torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-3)
 
 
 @pytest.mark.parametrize("distance", ["geometric", "patch", "none"])
 def test_fixed_edges_give_the_same_features_in_every_pose(distance):
-    net, (pressure, q) = network(distance=distance), readings()
+    net = network(distance=distance)
+    (pressure, q) = readings()
     with torch.inference_mode():
-        one, other = net.encode(pressure, q), net.encode(pressure, 0.5 * q)
+        one = net.encode(pressure, q)
+        other = net.encode(pressure, 0.5 * q)
     assert torch.equal(one, other)
 
 
 def test_live_edges_give_other_features_where_links_face_each_other():
-    net, (pressure, q) = network(), readings()
+    net = network()
+    (pressure, q) = readings()
     with torch.inference_mode():
-        one, other = net.encode(pressure, q), net.encode(pressure, 0 * q)
+        one = net.encode(pressure, q)
+        other = net.encode(pressure, 0 * q)
     assert (one[1] - other[1]).abs().max() > 1e-4
     torch.testing.assert_close(one[2], other[2], atol=1e-5, rtol=1e-3)
 
 
 def test_without_lengths_messages_do_not_depend_on_places():
-    net, patch, (pressure, q) = network(distance="none"), network(), readings()
+    net = network(distance="none")
+    patch = network()
+    (pressure, q) = readings()
     patch.load_state_dict(net.state_dict())
     with torch.no_grad():
         net.near.table = patch.near.table
@@ -162,11 +173,13 @@ def test_gradients_of_a_layer_are_those_of_equation_2(rows):
 
 def test_the_largest_of_all_nodes_is_pooled():
     """A rest feature counts where its node does not differ, and only there."""
-    net, (pressure, q) = network(), readings()
+    net = network()
+    (pressure, q) = readings()
     whole = network()
     whole.whole = True
     with torch.no_grad():
         for each in (net, whole):
             each.layers[2].update[2].bias += 5.0
-        one, other = net.encode(pressure, q), whole.encode(pressure, q)
+        one = net.encode(pressure, q)
+        other = whole.encode(pressure, q)
     torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-3)

@@ -15,7 +15,8 @@ pytestmark = pytest.mark.slow
 
 KPA, LEAST = 10.0, 0.5  # unit of pressure, and what is read as zero [kPa]
 LENGTH = 0.03  # unit of length [m]
-K_LIVE, REACH = 4, 0.03
+K_LIVE = 4
+REACH = 0.03
 OPEN, CLOSED, NEARLY = 0.4, 3.1, 2.7  # [rad]
 
 
@@ -35,9 +36,11 @@ def network(pooling, k) -> PaperNetwork:
 
 def readings():
     """A touch on one patch, on both open and closed, nearly closed, and no touch."""
-    skin, rng = uneven_book().skin, np.random.default_rng(0)
+    skin = uneven_book().skin
+    rng = np.random.default_rng(0)
     pressure = np.zeros((5, skin.count), np.float32)
-    cover, page = skin.find_taxels("cover"), skin.find_taxels("page")
+    cover = skin.find_taxels("cover")
+    page = skin.find_taxels("page")
     pressure[0, cover[:9]] = rng.uniform(1, 30, 9)
     for reading in (1, 2, 3):
         for patch in (cover, page):
@@ -101,7 +104,8 @@ def reference(net, pressure, q, k):
     first = x = p / LENGTH
     v = [linear(net.embed, np.array([each])) for each in pressures]
     for layer in net.layers:
-        x_next, v_next = x.copy(), []
+        x_next = x.copy()
+        v_next = []
         for i in range(len(x)):
             m_i = np.zeros(len(v[i]))
             for j in inside[i] + across[i]:
@@ -111,14 +115,16 @@ def reference(net, pressure, q, k):
                 x_next[i] += r * perceptron(layer.move, m_ij) / k
                 m_i += m_ij
             v_next.append(perceptron(layer.update, np.concatenate([v[i], m_i])))
-        x, v = x_next, v_next
+        x = x_next
+        v = v_next
     pool = np.max if net.pooling == "max" else np.mean
     return pool(v, axis=0), sum(map(len, across))
 
 
 @pytest.mark.parametrize(("pooling", "k"), [("max", 8), ("mean", 4)])
 def test_features_equal_equation_2_computed_node_by_node(pooling, k):
-    net, (pressure, q) = network(pooling, k), readings()
+    net = network(pooling, k)
+    (pressure, q) = readings()
     with torch.inference_mode():
         got = net.encode(torch.from_numpy(pressure), torch.from_numpy(q)).numpy()
         want = [

@@ -131,8 +131,11 @@ def seen_by(network, pressure):
 
 @pytest.mark.parametrize("taxel", [3, 700, 2111])
 def test_networks_get_readings_and_taxels_in_order(taxel):
-    skin, pressure = UR5.skin, ramp(UR5.skin, taxel)
-    row, column, patch = skin.rows[taxel], skin.columns[taxel], skin.patch_index[taxel]
+    skin = UR5.skin
+    pressure = ramp(UR5.skin, taxel)
+    row = skin.rows[taxel]
+    column = skin.columns[taxel]
+    patch = skin.patch_index[taxel]
     want = np.arange(100.0) / PRESSURE_UNIT
     readings = seen_by(CnnLstm(skin, 3), pressure)[:, patch, row, column]
     np.testing.assert_allclose(readings, want, rtol=1e-6)

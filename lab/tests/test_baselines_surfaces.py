@@ -67,7 +67,8 @@ def test_one_signal_has_no_places():
         ("spline-svm", False),
     ):
         baseline = build_baseline(name, SMALL)
-        one, other = baseline.compute_rows(clips), baseline.compute_rows(moved)
+        one = baseline.compute_rows(clips)
+        other = baseline.compute_rows(moved)
         assert np.isfinite(one).all()
         assert np.allclose(one, other, rtol=1e-4, atol=1e-4) == same
 
@@ -88,6 +89,7 @@ def test_presses_are_counted_in_the_signal_and_silence_is_zero():
     features = compute_signal_features(force)
     assert not features[0].any()
     first = features.shape[1] - (len(BANDS) - 1) - 2 * len(LEVELS)
-    above, presses = features[:, first], features[:, first + 1]
+    above = features[:, first]
+    presses = features[:, first + 1]
     np.testing.assert_allclose(above, [0.0, 0.1, 0.2])
     assert presses.tolist() == [0, 1, 2]

@@ -55,7 +55,8 @@ def test_storm_loses_scans_unplugs_patches_and_kills_taxels():
     config = StormConfig(loss=0.2, unplug_period=1.0, unplug_seconds=0.5, dead=0.1)
     storm = FaultStorm(skin, config, seed=0)
     assert (skin.sensor.readout.sensitivity == 0).mean() == pytest.approx(0.1, abs=0.02)
-    lost, unplugged = [], []
+    lost = []
+    unplugged = []
     for number in range(1, 150):
         stamp = number * SECOND // 50
         storm.update(stamp)

@@ -59,7 +59,8 @@ def task(examples, tests=None, answer=0, **changed):
 
 
 def test_windows_hold_the_calibrated_pressures_of_their_clip(a):
-    recording, clips = read_recording(a.paths[0]), read_clips(a.paths[0])
+    recording = read_recording(a.paths[0])
+    clips = read_clips(a.paths[0])
     pipeline = TouchPipeline(a.mounted, recording.calibration)
     assert a.windows.pressure.shape[:2] == (len(a.clips), READINGS)
     for scan in recording.scans():
@@ -78,7 +79,8 @@ def test_windows_hold_the_calibrated_pressures_of_their_clip(a):
 
 def test_slots_without_reading_repeat_the_previous_one(a, monkeypatch):
     path = a.paths[0]
-    clip, taxels = read_clips(path)[0], a.mounted.skin.count
+    clip = read_clips(path)[0]
+    taxels = a.mounted.skin.count
 
     def read_pressures(recording):
         for slot in (10, 60):
@@ -146,7 +148,8 @@ def test_other_labels_or_times_of_clips_change_the_digest(change, a, tmp_path):
         "gesture": (f'"gesture": "{clip.gesture}"', '"gesture": "kick"'),
         "start": (f'"start": {clip.start}', f'"start": {clip.start - 1}'),
     }[change]
-    same, other = copied("same"), copied("other", was, now)
+    same = copied("same")
+    other = copied("other", was, now)
     assert same.digest == a.digest != other.digest
     digests = [task(each, {"test": each}).digest for each in (same, a, other)]
     assert digests[0] == digests[1] != digests[2]
@@ -171,7 +174,8 @@ def test_held_out_recordings_are_not_trained_on(folder, tmp_path):
 
 
 def test_a_training_is_repeated_only_if_anything_differs(a, b, tmp_path):
-    log, kept = tmp_path / "log", tmp_path / "results.jsonl"
+    log = tmp_path / "log"
+    kept = tmp_path / "results.jsonl"
     first = task(a, {"test": b}, method=ConstantBaseline(0, str(log)))
     assert run_tasks([first], kept) == run_tasks([first], kept)
     assert log.read_text() == "x"
@@ -187,7 +191,8 @@ def test_a_training_is_repeated_only_if_anything_differs(a, b, tmp_path):
 
 
 def test_a_result_of_other_settings_is_stale_until_made_again(a, tmp_path):
-    before, now = task(a), task(a, answer=1)
+    before = task(a)
+    now = task(a, answer=1)
     path = tmp_path / "results.jsonl"
     run_tasks([before], path)
     assert find_stale([before], path) == []

@@ -28,7 +28,8 @@ def result(name, seed, right):
 
 
 def test_the_lead_is_over_runs_that_both_methods_have():
-    good, bad = [True] * 40, [True, False] * 20
+    good = [True] * 40
+    bad = [True, False] * 20
     found = {
         "ours": {(0, 0): result("ours", 0, good), (1, 0): result("ours", 0, bad)},
         "other": {(1, 0): result("other", 0, [False] * 40)},
@@ -68,7 +69,8 @@ def test_runs_that_the_first_method_lacks_are_not_compared():
 
 def test_intervals_resample_people_not_clips():
     """Clips of one person are right or wrong together."""
-    ours, theirs = [True] * 40, [n % 5 < 3 for n in range(40)]
+    ours = [True] * 40
+    theirs = [n % 5 < 3 for n in range(40)]
     found = {
         name: {(0, 0): result(name, 0, right)}
         for name, right in (("ours", ours), ("other", theirs))
@@ -157,7 +159,8 @@ def test_accuracy_by_group_pools_all_runs():
 
 
 def test_a_tie_is_shown():
-    good, bad = [True] * 40, [True, False] * 20
+    good = [True] * 40
+    bad = [True, False] * 20
     found = {
         name: {(0, 0): result(name, 0, right)}
         for name, right in (("ours", good), ("tie", good), ("other", bad))

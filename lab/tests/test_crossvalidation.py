@@ -133,7 +133,8 @@ def test_shuffled_labels_are_not_recognised_better_than_by_chance(tmp_path):
 def test_answers_are_kept_and_a_method_with_folds_left_has_no_row(
     folder, tmp_path, capsys
 ):
-    kept, chosen = tmp_path / "results", ("knn-max", "lda-max")
+    kept = tmp_path / "results"
+    chosen = ("knn-max", "lda-max")
     rows = compare(folder, kept, None, chosen)
     assert compare(folder, kept, None, chosen, minutes=-1) == rows
     lines = kept.read_text().splitlines()

@@ -25,8 +25,10 @@ from lab.flaws.scoring import (
 from lab.flaws.stream import FLAWED, REFERENCES, ROWS, BuildPlan, BuildResult
 from lab.flaws.touches import Command, append_result, read_results
 
-HERE, AWAY = np.zeros(3), np.array([0.5, 0.0, 0.0])
-FIRST, LAST = 10, 30
+HERE = np.zeros(3)
+AWAY = np.array([0.5, 0.0, 0.0])
+FIRST = 10
+LAST = 30
 """First and last scan with contact."""
 
 
@@ -138,7 +140,8 @@ def test_points_are_lost_between_builds_of_the_same_number():
 
 
 def test_kept_results_are_read_back(tmp_path):
-    plan, path = BuildPlan("none", 1, 0.5, 4), tmp_path / "kept.jsonl"
+    plan = BuildPlan("none", 1, 0.5, 4)
+    path = tmp_path / "kept.jsonl"
     result = BuildResult("none", 1, rest=RestCount(30.0, 2), touches=[score()])
     append_result(path, plan, result)
     assert list(read_results(path)) == [(plan, result)]
@@ -161,7 +164,8 @@ def test_untouched_scans_near_a_touch_do_not_count():
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_creep_is_set_between_two_times(family):
-    skin, constants = build_grid_skin(2, 2, 0.01), load_constants()
+    skin = build_grid_skin(2, 2, 0.01)
+    constants = load_constants()
     rng = np.random.default_rng(0)
     drawn = draw_flawed_build("b", family, {}, skin, constants, rng)
     layer = set_creep(drawn, 0.1, 1.0, 60.0).velostat

@@ -34,7 +34,8 @@ def test_no_mutated_input_breaks_a_reader(kind, inputs, tmp_path):
 
 
 def test_seed_makes_the_same_input_again(tmp_path):
-    one, other = DecoderTarget(tmp_path), DecoderTarget(tmp_path)
+    one = DecoderTarget(tmp_path)
+    other = DecoderTarget(tmp_path)
     assert one.make(random.Random(7)) == other.make(random.Random(7))
 
 

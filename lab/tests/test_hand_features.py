@@ -15,7 +15,8 @@ def dataset(tmp_path_factory):
 
 def test_every_interval_has_the_same_number_of_finite_features(dataset):
     rows = np.arange(len(dataset.stamps))
-    silent, touched = rows[:30], rows[48:75]
+    silent = rows[:30]
+    touched = rows[48:75]
     for shear in (False, True):
         sizes = set()
         for stretch in (silent, silent[:1], silent[:3], touched, touched[:1], rows):

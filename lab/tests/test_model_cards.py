@@ -10,7 +10,8 @@ from lab.model_cards import describe
 
 @pytest.mark.parametrize("name", MODELS)
 def test_page_states_what_the_file_holds(name):
-    text, card = describe(name), load_model(name).card
+    text = describe(name)
+    card = load_model(name).card
     assert text.startswith(f"# Weights {name}\n")
     assert card.data_digest in text and ", ".join(card.vocabulary) in text
     for value in (*card.metrics.values(), card.temperature):

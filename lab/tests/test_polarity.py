@@ -18,7 +18,8 @@ pytestmark = pytest.mark.slow
 def test_sensor_is_calibrated_whichever_way_its_counts_go(family, falls, monkeypatch):
     monkeypatch.setattr(polarity, "TOUCHES", 4)
     skin = build_grid_skin(8, 8, polarity.PITCH, calibrated=True)
-    mounted, rng = MountedSkin(skin, load_robot("table")), np.random.default_rng(1)
+    mounted = MountedSkin(skin, load_robot("table"))
+    rng = np.random.default_rng(1)
     build = draw_build(family, family, skin, load_constants(), rng)
     found = polarity.try_build(build, mounted, 1, falls)
     assert (found.told is not None) == falls

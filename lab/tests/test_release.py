@@ -120,7 +120,8 @@ def test_touches_that_overlap_in_time_are_not_joined():
 
 def test_detection_of_a_touch_after_the_true_one_is_of_no_true_touch():
     event = make_event((10, 40))
-    true, after = make_touch(10, 40), make_touch(45, 60, 2)
+    true = make_touch(10, 40)
+    after = make_touch(45, 60, 2)
     found = score([event], [true, after], [detect(true, at(50)), detect(after, at(70))])
     assert (found["matched"], found["false"], found["opened after"]) == (1, 1, 1)
     assert found["false, of no true touch"] == 1

@@ -58,10 +58,13 @@ def test_pokes_in_the_page():
     column = model.card.vocabulary.index("poke")
     sure = []
     for seed, patch in enumerate(PATCHES):
-        live, rng = InteractiveSkin(seed=seed), np.random.default_rng(seed)
+        live = InteractiveSkin(seed=seed)
+        rng = np.random.default_rng(seed)
         skin = live.mounted.skin
-        taxels, link = skin.find_taxels(patch), f"{patch.rsplit('_', 1)[0]}_link"
-        recognizer, last = Recognizer(model, live.mounted, live.calibration), {}
+        taxels = skin.find_taxels(patch)
+        link = f"{patch.rsplit('_', 1)[0]}_link"
+        recognizer = Recognizer(model, live.mounted, live.calibration)
+        last = {}
         for number in range(340):
             if number in (120, 190, 260):
                 place = skin.positions[rng.choice(taxels)].astype(float)

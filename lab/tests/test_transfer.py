@@ -99,7 +99,8 @@ def test_runs_end_at_pauses_and_after_two_seconds():
 
 
 def test_shearsense_is_cut_into_its_contacts(tmp_path):
-    length, folder = 100, tmp_path / "poke"
+    length = 100
+    folder = tmp_path / "poke"
     folder.mkdir()
     pressure = np.zeros((length, 6, 6))
     pressure[10:20, 1, 2] = pressure[60:75, 4, 0] = 100

@@ -18,16 +18,23 @@ from eskin.touch import Calibration
 from eskin.units import NS_PER_S
 from lab.flaws.scoring import TrueContact
 
-SIDE, PITCH = 16, 0.0045
+SIDE = 16
+PITCH = 0.0045
 """Rows and columns, and the distance of neighbouring taxels [m]."""
-RATE, FULL_SCALE = 30.0, 1023
+RATE = 30.0
+FULL_SCALE = 1023
 """Scans a second, and the largest counts."""
-REST, GAIN_SIGMA, NOISE, GRAIN = (40.0, 90.0), 0.3, 1.2, 0.01
+REST = (40.0, 90.0)
+GAIN_SIGMA = 0.3
+NOISE = 1.2
+GRAIN = 0.01
 """Range of the counts at rest, the spread of the gains and the noise, in counts and as
 a share of the pressure."""
-HALF_SCALE, EXPONENT = 60.0, 0.9
+HALF_SCALE = 60.0
+EXPONENT = 0.9
 """Pressure of half scale [kPa], and exponent of the conductance."""
-TIP, PALM = 0.005, 0.02
+TIP = 0.005
+PALM = 0.02
 """Standard deviation of the pressure of a fingertip and of a palm over distance [m]."""
 DEAD = 5
 """Column that is dead where one is."""
@@ -262,7 +269,8 @@ class Matrix:
         """Return the scans so far."""
         count = len(self.counts)
         stamps = FIRST_STAMP + np.round(np.arange(count) / RATE * NS_PER_S).astype(int)
-        forces, centres = np.array(self.forces), np.array(self.centres)
+        forces = np.array(self.forces)
+        centres = np.array(self.centres)
         bounds = [start for start, _ in self.kinds] + [count]
         truths = tuple(
             TrueContact(kind, stamps[start:end], forces[start:end], centres[start:end])

@@ -202,7 +202,8 @@ def read_matrix(folder: Path, name: str) -> World:
     begin = 0
     for n, end in enumerate(data["ends"].tolist()):
         span = slice(first[n], first[n] + end - begin)
-        force, centre = data["force"][begin:end], data["centre"][begin:end]
+        force = data["force"][begin:end]
+        centre = data["centre"][begin:end]
         gesture = str(data["gestures"][n])
         truths.append(TrueContact(gesture, stamps[span], force, centre))
         begin = end

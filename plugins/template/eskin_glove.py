@@ -12,7 +12,8 @@ class Glove(SampleDevice):
 
     def __init__(self, clock, skin):
         """Prepare the device, not yet its line."""
-        self.clock, self.seen = clock, 0
+        self.clock = clock
+        self.seen = 0
         self.taxels = skin.find_taxels(skin.patches[0].id)
 
     def connect(self):

@@ -56,7 +56,8 @@ NOMINAL_CALIBRATION = "nominal_calibration.json"
 GRIPPER_OUTPUT = 0
 """Standard digital output of a UR that closes the gripper unless another is given."""
 
-SERIAL_BAUD, CSV_BAUD = 1_000_000, 115_200
+SERIAL_BAUD = 1_000_000
+CSV_BAUD = 115_200
 """Baud rates of serial ports unless others are given, by the kind of source."""
 
 
@@ -191,7 +192,8 @@ def find_address(uri: str) -> str:
 
 def open_recording(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
     """Open a recording as a source that plays it."""
-    calibration, robot = config.calibration, config.robot
+    calibration = config.calibration
+    robot = config.robot
     if isinstance(calibration, Path):
         calibration = read_calibration(calibration)
     if isinstance(robot, str | Path):
@@ -436,9 +438,13 @@ def parse_udp_address(uri: str) -> tuple[str, int]:
     """
     try:
         parts = urlsplit(uri)
-        host, port, rest = parts.hostname, parts.port, parts.path
+        host = parts.hostname
+        port = parts.port
+        rest = parts.path
     except ValueError:
-        host, port, rest = None, None, ""
+        host = None
+        port = None
+        rest = ""
     if not host or not port or rest:
         raise DeviceError(
             f"address is '{uri}'; allowed is udp://HOST:PORT with a port from 1 to "

@@ -69,7 +69,8 @@ def choose_processor() -> None:
     features = binding.get_host_cpu_features()
     is_level = all(features.get(name) for name in LEVEL_FEATURES)
     if is_level and settings.CPU_NAME is None and settings.CPU_FEATURES is None:
-        settings.CPU_NAME, settings.CPU_FEATURES = LEVEL, ""
+        settings.CPU_NAME = LEVEL
+        settings.CPU_FEATURES = ""
 
 
 choose_processor()
@@ -246,7 +247,8 @@ def digest_code(module: str) -> str:
 def imported_modules(module: str) -> set[str]:
     """Return a module and those of its package and of eskin that it imports."""
     packages = {"eskin", module.split(".", 1)[0]}
-    found, waiting = set(), [module]
+    found = set()
+    waiting = [module]
     while waiting:
         name = waiting.pop()
         if name not in found:

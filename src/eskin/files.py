@@ -217,7 +217,8 @@ class PlainLoader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Read a value; raise a YAML error where it is an alias, or one too many."""
         event = self.peek_event()
-        self.values, self.depth = self.values + 1, self.depth + 1
+        self.values = self.values + 1
+        self.depth = self.depth + 1
         for is_wrong, problem in (
             (event.anchor is not None, "anchors and aliases are not allowed"),
             (self.values > MAX_VALUES, f"more than {MAX_VALUES:,} values"),

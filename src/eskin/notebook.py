@@ -85,7 +85,8 @@ def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]
     closed += () if state is None else state.touches
     for touch in {each.id: each for each in closed}.values():
         if touch.merged_into is None:
-            one, shares = detected.get(touch.id), probabilities.get(touch.id)
+            one = detected.get(touch.id)
+            shares = probabilities.get(touch.id)
             stamps, newtons = forces.collect(touch)
             yield describe_touch(recording, touch, labels) | {
                 "detected": None if one is None else one.gesture,

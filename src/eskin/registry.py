@@ -28,7 +28,9 @@ from typing import Any, Literal
 
 from eskin.errors import EskinError, ExtraError
 
-DRIVERS, ARMS, EXPORTERS = "eskin.drivers", "eskin.arms", "eskin.exporters"
+DRIVERS = "eskin.drivers"
+ARMS = "eskin.arms"
+EXPORTERS = "eskin.exporters"
 RECOGNISERS = "eskin.recognisers"
 GROUPS = (DRIVERS, ARMS, EXPORTERS, RECOGNISERS)
 """Groups of entry points."""

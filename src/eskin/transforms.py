@@ -38,8 +38,12 @@ def matrix_to_quaternion(
     """
     m = np.moveaxis(rotation, (-2, -1), (0, 1))
     trace = m[0, 0] + m[1, 1] + m[2, 2]
-    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    wx = m[2, 1] - m[1, 2]
+    wy = m[0, 2] - m[2, 0]
+    wz = m[1, 0] - m[0, 1]
+    xy = m[0, 1] + m[1, 0]
+    xz = m[0, 2] + m[2, 0]
+    yz = m[1, 2] + m[2, 1]
     xx, yy, zz = (1 + 2 * m[i, i] - trace for i in range(3))
     outer = np.array(
         [[1 + trace, wx, wy, wz], [wx, xx, xy, xz], [wy, xy, yy, yz], [wz, xz, yz, zz]]

@@ -35,7 +35,9 @@ CHALLENGE = bytes(range(0xA0, 0xB0))
 NONE = bytes(16)
 Seal = tuple[bytes, bytes, int]
 
-U16, U32, U64 = 2**16 - 1, 2**32 - 1, 2**64 - 1
+U16 = 2**16 - 1
+U32 = 2**32 - 1
+U64 = 2**64 - 1
 HELLO = Hello(4, 7, 1_000_000, 3, 4, 10, 50, 0x1122334455667788, "demo 1.0")
 DATA = Data(4, 8, 1_020_000, 0, np.array([0, 1, 256, 4095, 513], np.uint16))
 STATUS = Status(4, 8, 1_021_000, 2, 0, 3125)
@@ -89,7 +91,8 @@ def vector(name: str, packet: Packet, seal: Seal | None) -> dict[str, object]:
         fields["serial_number"] = f"{packet.serial_number:016x}"
     if isinstance(packet, Request | Echo):
         fields["challenge"] = packet.challenge.hex()
-    data, made = encode_packet(packet, 2), None
+    data = encode_packet(packet, 2)
+    made = None
     if seal is not None:
         key, challenge, counter = seal
         data = SessionSeal(key, challenge).close(data, counter)

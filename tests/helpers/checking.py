@@ -8,7 +8,8 @@ from functools import partial, wraps
 
 import jaxtyping
 
-ALWAYS, EVERY = 2, 100
+ALWAYS = 2
+EVERY = 100
 """How many calls of a function in a test are checked, and which ones after them."""
 
 check_all = jaxtyping.jaxtyped
@@ -39,7 +40,8 @@ def check_some(function=None, **options):
 
 def choose(plain, build):
     """Return a function that sometimes calls a checked one, built when needed."""
-    checked, count = None, 0
+    checked = None
+    count = 0
 
     def restart():
         nonlocal count

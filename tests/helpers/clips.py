@@ -58,7 +58,8 @@ def clip_at(begin, gesture="poke", seconds=2.0) -> Clip:
 def loaded(times, sequence, forces, clips=(), recording=None) -> Dataset:
     """A data set whose rows bear so much force [N] on one taxel, 50 ms each."""
     n = len(times)
-    real, vectors = np.ones(n, np.float32), np.zeros((n, 3), np.float32)
+    real = np.ones(n, np.float32)
+    vectors = np.zeros((n, 3), np.float32)
     pressure = 10 * np.asarray(forces, np.float32)
     graphs = GraphBatch(
         taxels=np.zeros(n, np.int64),

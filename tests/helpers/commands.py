@@ -116,12 +116,20 @@ class RecordingArm(Arm):
     joint_names = MOUNTED.robot.joint_names
 
     def __init__(self, clock):
-        self.clock, self.orders, self.steps = clock, [], []
-        self.paused, self.hold_reason, self.jogging = False, None, False
-        self.speed, self.gripper, self.at_work = 1.0, "open", True
+        self.clock = clock
+        self.orders = []
+        self.steps = []
+        self.paused = False
+        self.hold_reason = None
+        self.jogging = False
+        self.speed = 1.0
+        self.gripper = "open"
+        self.at_work = True
         self.speed_limit = 1.0
         self.shows_question = False
-        self.protective_stop, self.connected, self.error = False, True, None
+        self.protective_stop = False
+        self.connected = True
+        self.error = None
         self.running = True
 
     def q_at(self, stamp):
@@ -242,7 +250,8 @@ class Scene:
         self.faulty_patches = self.silent_patches = ()
         self.doubtful = np.zeros(SKIN.count, bool)
         self.hidden = np.zeros(SKIN.count, np.float32)  # [kPa] of no contact
-        self.valid_share, self.contact = 1.0, 0.7
+        self.valid_share = 1.0
+        self.contact = 0.7
 
     def note(self, event):
         """Keep an event of the policy."""
@@ -339,7 +348,8 @@ class Scene:
         self, number, age=0.0, patch=PATCH, gesture=None, confidence=None, likeliest=""
     ):
         """Detect a touch and return the decisions that follow at once."""
-        touch, before = self.touches[number], len(self.events)
+        touch = self.touches[number]
+        before = len(self.events)
         self.policy.on_message(
             Detection(
                 stamp=self.clock.now() - round(age * SECOND),
@@ -403,8 +413,11 @@ class StubLink(ControllerLink):
     """A link to a robot that is at once where it is sent, and records its commands."""
 
     def __init__(self, status=WELL, problem="", follows=True):
-        self.status, self.problem, self.follows = status, problem, follows
-        self.commands, self.closed = [], False
+        self.status = status
+        self.problem = problem
+        self.follows = follows
+        self.commands = []
+        self.closed = False
 
     def exchange(self, command):
         self.commands.append(command)

@@ -42,7 +42,8 @@ def build_full_chart(surface, pitch=0.004, s=0.06, t=0.06):
         width = 2 * np.pi * surface.radius / count
         along_s = (np.arange(count) - count / 2) * width
     else:
-        width, along_s = pitch, np.arange(-s, s, pitch)
+        width = pitch
+        along_s = np.arange(-s, s, pitch)
     along_t = np.arange(-t, t, pitch)
     places = np.stack(np.meshgrid(along_s, along_t, indexing="ij"), axis=2)
     unrolled = places.reshape(-1, 2)

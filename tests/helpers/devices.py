@@ -94,7 +94,8 @@ class MemoryPort(VirtualPort):
         self.bytes += sum(len(chunk) for chunk in chunks)
 
     def receive(self):
-        taken, self.requests = self.requests, []
+        taken = self.requests
+        self.requests = []
         return taken
 
     def flush(self):
@@ -169,7 +170,8 @@ def open_line(port):
 
 def read_packets(line, count):
     """Return the next packets on a line, decoded."""
-    deframer, found = Deframer(), []
+    deframer = Deframer()
+    found = []
     while len(found) < count:
         found += deframer.push(line.read(max(1, line.in_waiting)))
     return [decode_packet(packet) for packet in found[:count]]

@@ -81,7 +81,8 @@ def record_events(path, truths=(), labels=(), simulated=True):
     skin = build_grid_skin(2, 2)
     metadata = Metadata("scene", notes={"simulated": "true"} if simulated else {})
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
-    counts, received = np.zeros(skin.count, np.int32), np.ones(skin.count, bool)
+    counts = np.zeros(skin.count, np.int32)
+    received = np.ones(skin.count, bool)
     with RecordingWriter(path, "table", skin, calibration, metadata) as writer:
         write_all(writer, [Scan(START, counts, received, np.zeros(0))], labels)
         for truth in truths:

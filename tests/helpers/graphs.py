@@ -54,7 +54,8 @@ class Scene:
     def graphs(self, config: GraphConfig | None = None) -> GraphBatch:
         """Return one graph for each reading."""
         builder = GraphBuilder(self.mounted, config)
-        earlier, batches = np.empty(0, np.int64), []
+        earlier = np.empty(0, np.int64)
+        batches = []
         for reading in self.readings:
             now = np.flatnonzero(reading.pressure > 0)
             builder.advance(reading, now)
@@ -115,7 +116,8 @@ def rolled(radius=0.03, rows=9, columns=15, pitch=0.01) -> MountedSkin:
 
 def book() -> MountedSkin:
     """Build two patches, 4 cm apart at q = 0, that face each other at q = pi."""
-    laid, grid = [], TaxelGrid(7, 7, 0.01, 0.01)
+    laid = []
+    grid = TaxelGrid(7, 7, 0.01, 0.01)
     for n, (link, x, z) in enumerate([("cover", -0.05, 0.0), ("page", 0.05, -0.01)]):
         place = np.eye(4)
         place[[0, 2], 3] = x, z
@@ -173,7 +175,8 @@ def press_in_book(shear=False) -> Scene:
 def touch_on_arm(shear=False) -> Scene:
     """Hold wrist 3 against the upper arm of a moving ur5."""
     skin = ur5().skin
-    links, shape = np.array(skin.link_names)[skin.patch_index], np.zeros(skin.count)
+    links = np.array(skin.link_names)[skin.patch_index]
+    shape = np.zeros(skin.count)
     for taxel, kpa in zip(find_meeting_taxels(), (30.0, 50.0), strict=True):
         shape += (links == links[taxel]) * bump(skin, skin.positions[taxel], kpa)
     qs = FOLDED + 0.005 * np.arange(4)[:, None]
@@ -217,7 +220,8 @@ def move_scene(before: Scene, T_world_base: np.ndarray) -> Scene:
     robot = before.mounted.robot
     (root,) = set(robot.link_names) - {joint.child for joint in robot.joints}
     stand = Joint("stand", "fixed", "floor", root, T_world_base, np.eye(3)[2])
-    links, joints = (Link("floor"), *robot.links), (stand, *robot.joints)
+    links = (Link("floor"), *robot.links)
+    joints = (stand, *robot.joints)
     mounted = MountedSkin(before.mounted.skin, Robot("moved", links, joints))
     return Scene(mounted, before.readings)
 
@@ -225,7 +229,8 @@ def move_scene(before: Scene, T_world_base: np.ndarray) -> Scene:
 def mirror_scene(before: Scene) -> Scene:
     """Return the mirror image of the robot, its joints' axes and its skin."""
     M = MIRROR[:3, :3]
-    skin, robot = before.mounted.skin, before.mounted.robot
+    skin = before.mounted.skin
+    robot = before.mounted.robot
     vectors = ("positions", "normals", "tangents")
     skin = replace(skin, **{name: getattr(skin, name) @ M for name in vectors})
     # A mirror reverses rotations.
@@ -245,7 +250,8 @@ def renumber_scene(before: Scene, seed=0) -> Scene:
     """Return the scene with taxels and patches in another order."""
     rng = np.random.default_rng(seed)
     skin = before.mounted.skin
-    taxels, patches = rng.permutation(skin.count), rng.permutation(len(skin.patches))
+    taxels = rng.permutation(skin.count)
+    patches = rng.permutation(len(skin.patches))
     names = ("rows", "columns", "positions", "normals", "areas", "tangents")
     other = replace(
         skin,
@@ -319,7 +325,8 @@ def random_graph(rng, nodes: int, neighbours=6) -> GraphBatch:
     def real(*shape):
         return rng.normal(size=shape).astype(np.float32)
 
-    pressure, normals = np.maximum(20 * real(nodes), 0), real(nodes, 3)
+    pressure = np.maximum(20 * real(nodes), 0)
+    normals = real(nodes, 3)
     return GraphBatch(
         taxels=np.arange(nodes),
         pressure=pressure,
@@ -344,7 +351,8 @@ def random_graphs(rng, sizes) -> GraphBatch:
 def assert_same(one: GraphBatch, other: GraphBatch) -> None:
     """Check that two batches are equal to the last bit, and of the same types."""
     for name in GraphBatch._fields:
-        a, b = getattr(one, name), getattr(other, name)
+        a = getattr(one, name)
+        b = getattr(other, name)
         assert np.array_equal(a, b), name
         assert a.dtype.kind == b.dtype.kind and a.shape == b.shape, name
 

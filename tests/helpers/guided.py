@@ -14,8 +14,10 @@ from helpers.touch import build_grid_skin
 SKIN = build_grid_skin(8, 8, patches=2)
 MOUNTED = MountedSkin(SKIN, load_robot("table"))
 CALIBRATION = Calibration.uniform(SKIN.count, 4095, 400.0)
-PERIOD, RATE = 50_000_000, 20
-REST, PRESS_SCANS = 200, 12
+PERIOD = 50_000_000
+RATE = 20
+REST = 200
+PRESS_SCANS = 12
 
 
 def press_counts(taxel, force=4.0, offset=0.003, gain=1.0, width=0):
@@ -78,9 +80,14 @@ class RememberedPage:
     """
 
     def __init__(self, act=None, skipped=None, opened_at=0):
-        self.act, self.skipped, self.opened_at = act, skipped, opened_at
-        self.asked, self.repeated, self.clicks = 0, None, 0
-        self.lines, self.boards = [], []
+        self.act = act
+        self.skipped = skipped
+        self.opened_at = opened_at
+        self.asked = 0
+        self.repeated = None
+        self.clicks = 0
+        self.lines = []
+        self.boards = []
 
     @property
     def is_opened(self):

@@ -47,9 +47,12 @@ def labels_for(gestures) -> list[Label]:
 def pressure(skin, gesture, seconds) -> np.ndarray:
     """Return the pressure [kPa] of a broad steady `hold`, or of small repeated taps."""
     if gesture == "hold":
-        centre, radius, kpa = (0.0, 0.0), 0.03, 40.0
+        centre = (0.0, 0.0)
+        radius = 0.03
+        kpa = 40.0
     else:
-        centre, radius = (0.015, 0.01), 0.012
+        centre = (0.015, 0.01)
+        radius = 0.012
         kpa = 15.0 * (seconds % 0.4 < 0.2)
     distance = np.linalg.norm(skin.positions[:, :2] - np.array(centre), axis=1)
     return kpa * (distance < radius)

@@ -47,7 +47,8 @@ class Press:
         if not self.begin <= seconds < self.end:
             return np.zeros(skin.count)
         part = (seconds - self.begin) / (self.end - self.begin)
-        a, b = skin.positions[self.source], skin.positions[self.target]
+        a = skin.positions[self.source]
+        b = skin.positions[self.target]
         distance = np.linalg.norm(skin.positions - (a + part * (b - a)), axis=1)
         links = np.array(skin.link_names)[skin.patch_index]
         shape = np.maximum(1 - (distance / self.radius) ** 2, 0)
@@ -58,7 +59,8 @@ class Press:
 def scans(mounted, presses, rate, seconds, dropped=(), moving=True):
     """Return the scans of some presses without those whose index is `dropped`."""
     rng = np.random.default_rng(0)
-    skin, joints = mounted.skin, len(mounted.robot.joint_names)
+    skin = mounted.skin
+    joints = len(mounted.robot.joint_names)
     result = []
     for index in range(round(seconds * rate)):
         t = index / rate
@@ -81,12 +83,18 @@ def scans(mounted, presses, rate, seconds, dropped=(), moving=True):
 def two_hands(mounted):
     """Return a stroke and a poke at once, then a poke beside each of them."""
     count = mounted.skin.count
-    a, b, c, d = 65, 72, count - 3, count - 4
+    a = 65
+    b = 72
+    c = count - 3
+    d = count - 4
     if mounted.robot.name == "ur5":
         patches = [patch.id for patch in mounted.skin.patches]
         arm = mounted.skin.find_taxels(patches[0])
         hand = mounted.skin.find_taxels(patches[-1])
-        a, b, c, d = arm[10], arm[len(arm) // 2], hand[3], hand[8]
+        a = arm[10]
+        b = arm[len(arm) // 2]
+        c = hand[3]
+        d = hand[8]
     return [
         Press(2.3, 3.2, a, b),
         Press(2.6, 2.9, c, c, 40.0),
@@ -162,7 +170,8 @@ def say_always(name) -> Model:
 def record(path, mounted, stream, labels=()):
     """Write a recording of scans."""
     metadata = Metadata(dataset="scene", session="one")
-    skin, calibration = mounted.skin, calibration_of(mounted.skin)
+    skin = mounted.skin
+    calibration = calibration_of(mounted.skin)
     writer = RecordingWriter(path, mounted.robot.name, skin, calibration, metadata)
     with writer:
         write_all(writer, stream, labels)

@@ -19,7 +19,9 @@ from eskin.drivers import (
 from helpers.touch import SECOND, START, build_grid_skin
 
 MS = SECOND // 1000
-ROWS, COLUMNS, PATCHES = 2, 3, 3
+ROWS = 2
+COLUMNS = 3
+PATCHES = 3
 TAXELS = ROWS * COLUMNS
 SKIN = build_grid_skin(ROWS, COLUMNS, PATCHES)
 
@@ -68,7 +70,9 @@ class Module:
         ]
 
     def reboot(self, now):
-        self.boot, self.clock_start, self.scan = now, 0, 0
+        self.boot = now
+        self.clock_start = 0
+        self.scan = 0
 
     def stream(self, begin, end, port="a", delay=0.001, phase=0.0, parts=1):
         """Return what arrives from begin to end [s]: a hello a second, and scans."""
@@ -106,7 +110,9 @@ class AssemblerRun:
         self.assembler = Assembler(skin, FixedJoints(np.zeros(0)), self.log)
         self.assembler.start(START, float(rate))
         self.period = round(SECOND / rate)
-        self.scans, self.events, self.pushed = [], [], 0
+        self.scans = []
+        self.events = []
+        self.pushed = 0
         self.now = START
 
     def play(self, arrivals, until):

@@ -28,7 +28,8 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-READING, DETECTION = "rt/eskin/reading", "rt/eskin/detection"
+READING = "rt/eskin/reading"
+DETECTION = "rt/eskin/detection"
 JOINTS = ("wrist_2_joint", "gripper", "elbow_joint")
 PATIENCE = 30.0
 POSITIONS = (0.75, 9.0, -0.5)
@@ -113,7 +114,8 @@ def main(count):
         time.sleep(0.01)
     readings = DataReader(domain, Topic(domain, READING, Reading), reliable)
     detections = DataReader(domain, Topic(domain, DETECTION, Detection), reliable)
-    received, said = [], []
+    received = []
+    said = []
     while time.monotonic() < end and (len(received) < count or not said):
         now = Time(*divmod(time.time_ns(), 1_000_000_000))
         joints.write(JointState(Header(now, ""), JOINTS, POSITIONS, (), ()))

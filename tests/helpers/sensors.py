@@ -39,7 +39,8 @@ def build_element():
 def read_counts(series, build, stages=ELEMENT_STAGES, lead=0):
     """Return the counts of one taxel under a series of pressures [kPa] at 100 Hz."""
     rng = np.random.default_rng(1)
-    pressure, taxels = np.asarray(series, float)[:, None], np.array([TAXEL])
+    pressure = np.asarray(series, float)[:, None]
+    taxels = np.array([TAXEL])
     counts, _ = sense(pressure, taxels, build, SKIN, rng, stages, NEUTRAL_SESSION, lead)
     return counts[:, TAXEL]
 

@@ -22,9 +22,12 @@ from eskin.touch import Calibration
 from helpers.worlds import SMALL_POOL
 
 RATE = 50
-REST, NOISE, HIGH = 100, 2, 900
+REST = 100
+NOISE = 2
+HIGH = 900
 RAMP = np.array([0.25, 0.5, 0.25])
-FULL_SCALE, PRESSURE = 4095, 100.0
+FULL_SCALE = 4095
+PRESSURE = 100.0
 
 
 @lru_cache

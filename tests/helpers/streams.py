@@ -48,7 +48,9 @@ class Ear(Listener):
     def __init__(
         self, name="ear", size=1000, drop="never", message_types=(Scan,), do=None
     ):
-        self.name, self.size, self.drop = name, size, drop
+        self.name = name
+        self.size = size
+        self.drop = drop
         self.message_types = message_types
         self.do = do or (lambda item: None)
         self.received = []

@@ -47,7 +47,8 @@ def make_detection(gesture, onset, stamp):
 
 def write_recording(path, labels, detections=(), seconds=6.0):
     """Write a recording in which ten taxels are loaded by 20 kPa during each label."""
-    received, scans = np.ones(SKIN.count, bool), []
+    received = np.ones(SKIN.count, bool)
+    scans = []
     for stamp in (to_stamp(index / RATE) for index in range(round(seconds * RATE))):
         counts = np.full(SKIN.count, 100, np.int32)
         if any(label.start <= stamp < label.end for label in labels):

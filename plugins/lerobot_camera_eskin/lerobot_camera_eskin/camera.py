@@ -21,7 +21,8 @@ def place_pixels(skin: Skin) -> tuple[np.ndarray, np.ndarray, int, int]:
 
     Patches lie below each other, each by its rows and columns.
     """
-    rows, top = np.zeros(skin.count, int), 0
+    rows = np.zeros(skin.count, int)
+    top = 0
     for number in range(len(skin.patches)):
         own = skin.patch_index == number
         rows[own] = skin.rows[own] + top
@@ -38,7 +39,9 @@ class EskinCamera(Camera):
         self.config = config
         self.source = self.thread = None
         self.arrived = threading.Condition()
-        self.image, self.stamp, self.taken = None, 0.0, 0.0
+        self.image = None
+        self.stamp = 0.0
+        self.taken = 0.0
         self.error: Exception | None = None
 
     @property

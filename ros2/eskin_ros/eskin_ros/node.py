@@ -26,7 +26,8 @@ from eskin.recording.cdr import Topic
 from eskin.skin import MountedSkin, mount_skin
 from eskin.stream import Recognition, Stream
 
-SENSOR_DEPTH, DEPTH = 5, 10
+SENSOR_DEPTH = 5
+DEPTH = 10
 """Numbers of messages that are kept for a slow receiver, of sensor data and others."""
 
 
@@ -73,7 +74,8 @@ class NodeBus(Bus):
 
     def __init__(self, node: Any, reliable: bool) -> None:  # noqa: ANN401
         """Publish as a node; sensor data is best effort unless it is reliable."""
-        self.node, self.reliable = node, reliable
+        self.node = node
+        self.reliable = reliable
         self.publishers: dict[str, Any] = {}
 
     def open(self, topics: tuple[Topic, ...]) -> None:
@@ -111,7 +113,8 @@ class NodeBus(Bus):
 
 def subscribe_joints(node: Any, mounted: MountedSkin, clock: HostClock) -> Any:  # noqa: ANN401
     """Subscribe to `/joint_states`; return the function of their positions by time."""
-    received, lock = ReceivedJoints(mounted.robot), threading.Lock()
+    received = ReceivedJoints(mounted.robot)
+    lock = threading.Lock()
 
     def push(message: JointState) -> None:
         with lock:
@@ -134,7 +137,8 @@ def subscribe_joints(node: Any, mounted: MountedSkin, clock: HostClock) -> Any: 
 
 def build_stream(node: Any, given: Parameters) -> Stream:  # noqa: ANN401
     """Open the source, and build the stream that recognises and publishes."""
-    clock, model = HostClock(), load_model(given.model)
+    clock = HostClock()
+    model = load_model(given.model)
     joints = None
     if given.use_joint_states and given.skin:
         mounted = mount_skin(given.skin, given.robot_urdf or None)

@@ -105,7 +105,8 @@ class FoxgloveBus(Bus):
 
     def close(self) -> None:
         """Stop the server."""
-        server, self.server = self.server, None
+        server = self.server
+        self.server = None
         if server is not None:
             server.stop()
 

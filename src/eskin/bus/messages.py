@@ -250,9 +250,12 @@ OK, WARN, ERROR, STALE = range(4)
 FLOAT32 = 7
 """Type of a number in `sensor_msgs/msg/PointField`."""
 
-ARROW, SPHERE_LIST, TEXT = 0, 7, 9
+ARROW = 0
+SPHERE_LIST = 7
+TEXT = 9
 """Types of markers, as `visualization_msgs/msg/Marker` numbers them."""
-NO_POINTS, NO_COLOURS = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+NO_POINTS = np.zeros((0, 3))
+NO_COLOURS = np.zeros((0, 3), np.uint8)
 ADD = 0
 """Action of a marker that is added, or replaces that of its namespace and number."""
 
@@ -320,7 +323,8 @@ def pack_contacts(
     contacts = []
     for track in state.tracks:
         if track.last == stamp and not track.ended:
-            touch, contact = touch_of.get(track.id, 0), track.contact
+            touch = touch_of.get(track.id, 0)
+            contact = track.contact
             probabilities = recognised.probabilities.get(touch, NO_NUMBERS)
             contacts.append(
                 (
@@ -371,7 +375,8 @@ def pack_taxels(
     points = np.column_stack([places, pressure]).astype("<f4")
     names = ("x", "y", "z", "pressure")
     fields = [(name, 4 * n, FLOAT32, 1) for n, name in enumerate(names)]
-    step, data = 4 * len(names), np.frombuffer(points.tobytes(), np.uint8)
+    step = 4 * len(names)
+    data = np.frombuffer(points.tobytes(), np.uint8)
     head = ((stamp, frame_id), 1, len(points), fields, False)
     return TAXELS.pack(*head, step, len(data), data, False)
 
@@ -415,7 +420,8 @@ def pack_markers(stamp: int, markers: Iterable[Marker], frame_id: str) -> bytes:
         markers: what is drawn.
         frame_id: name of the robot's root link.
     """
-    no_texture, no_mesh = ((0, ""), "", NO_NUMBERS), ("", NO_NUMBERS)
+    no_texture = ((0, ""), "", NO_NUMBERS)
+    no_mesh = ("", NO_NUMBERS)
     rows = []
     for marker in markers:
         rgb = marker.colours.astype(np.float32) / 255

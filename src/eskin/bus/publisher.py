@@ -64,11 +64,13 @@ DETECTION_SECONDS = 2.0
 """Time for which a detection is shown [s]."""
 MAX_SHOWN_PRESSURE = 60.0
 """Pressure of the lightest colour [kPa]."""
-METRES_PER_NEWTON, MAX_ARROW = 0.02, 0.25
+METRES_PER_NEWTON = 0.02
+MAX_ARROW = 0.25
 """Length of the arrow of a contact by its force, and its largest length [m]."""
 PASCAL = 1000.0
 """Pascal in a kPa."""
-RED, WHITE = (0.85, 0.2, 0.15, 0.9), (1.0, 1.0, 1.0, 1.0)
+RED = (0.85, 0.2, 0.15, 0.9)
+WHITE = (1.0, 1.0, 1.0, 1.0)
 
 PUBLISHED = (
     READING,
@@ -235,7 +237,8 @@ class Publisher(Listener):
 
     def publish_wrenches(self, state: TouchState) -> None:
         """Publish the wrench of each link in contact, and a last one, of zero."""
-        links, stamp = self.mounted.robot.link_names, state.reading.stamp
+        links = self.mounted.robot.link_names
+        stamp = state.reading.stamp
         wrenches = compute_wrenches(self.mounted, state)
         zero = np.zeros(3), np.zeros(3)
         for link in sorted(self.loaded | wrenches.keys()):
@@ -273,7 +276,9 @@ def compute_wrenches(
     It is what pressure along the normals of the taxels exerts: force [N], and torque
     about the link's origin [N m], both in the link's frame.
     """
-    skin, robot, found = mounted.skin, mounted.robot, {}
+    skin = mounted.skin
+    robot = mounted.robot
+    found = {}
     taxels = np.concatenate(
         [np.zeros(0, np.int64), *(contact.taxels for contact in state.contacts)]
     )
@@ -298,7 +303,8 @@ def compute_frame_poses(
 ) -> Float[np.ndarray, "frame 7"]:
     """Return position [m] and quaternion xyzw of each joint's child in its parent."""
     T_world_link = mounted.kinematics.poses(q)
-    names, joints = mounted.robot.link_names, mounted.robot.joints
+    names = mounted.robot.link_names
+    joints = mounted.robot.joints
     if not joints:
         return np.zeros((0, 7))
     parents = [names.index(joint.parent) for joint in joints]
@@ -397,11 +403,14 @@ def diagnose(skin: Skin, state: TouchState, readings: int) -> list[DiagnosticSta
     out = {fault.patch for fault in state.faults if fault.kind == "patch"}
     statuses = []
     for index, patch in enumerate(skin.patches):
-        level, message = OK, "ok"
+        level = OK
+        message = "ok"
         if patch.id in out:
-            level, message = ERROR, "out or silent"
+            level = ERROR
+            message = "out or silent"
         elif faults[patch.id]:
-            level, message = WARN, f"{faults[patch.id]} faults"
+            level = WARN
+            message = f"{faults[patch.id]} faults"
         valid = state.reading.valid[skin.patch_index == index].mean()
         values = (("valid taxels", f"{valid:.1%}"),)
         name = f"eskin: patch {patch.id}"

@@ -35,7 +35,9 @@ core, domain, idl, types, pub, qos, sub, topics = (
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 MAX_DOMAIN = 232
 """Largest number of a domain, whose ports are below 65,536."""
-SENSOR_DEPTH, DEPTH, RELIABLE_DEPTH = 5, 10, 1000
+SENSOR_DEPTH = 5
+DEPTH = 10
+RELIABLE_DEPTH = 1000
 """Numbers of messages that are kept for a slow receiver: of sensor data and of other
 topics, as ROS 2 has them by default, and of sensor data that is sent reliably."""
 MAX_TAKEN = 64
@@ -86,7 +88,8 @@ class Ros2Node(Closing):
 
     def build_qos(self, topic: Topic, reliable: bool) -> Any:  # noqa: ANN401
         """Build the quality of service of a topic, with the hash of its type."""
-        policy, sensor = qos.Policy, topic in SENSOR_TOPICS
+        policy = qos.Policy
+        sensor = topic in SENSOR_TOPICS
         depth = SENSOR_DEPTH if sensor else DEPTH
         if sensor and reliable:
             depth = RELIABLE_DEPTH
@@ -243,7 +246,8 @@ class Ros2Joints(JointSource, Closing):
         self.robot = robot
         self.clock = clock
         self.received = ReceivedJoints(robot)
-        self.lock, self.closed = threading.Lock(), False
+        self.lock = threading.Lock()
+        self.closed = False
         self.arrival = core.WaitSet(node.participant)
         any_state = core.ViewState.Any | core.InstanceState.Any
         unread = core.SampleState.NotRead | any_state
@@ -286,14 +290,18 @@ class Ros2Joints(JointSource, Closing):
 
     def diagnose(self) -> DiagnosticStatus:
         """Return whether the positions of all joints arrive."""
-        level, message = OK, "ok"
+        level = OK
+        message = "ok"
         with self.lock:
             age = self.received.compute_age(self.clock.now())
-            missing, refused = self.received.missing, self.received.refused
+            missing = self.received.missing
+            refused = self.received.refused
         if missing:
-            level, message = WARN, f"never received: {', '.join(missing)}"
+            level = WARN
+            message = f"never received: {', '.join(missing)}"
         elif age > MAX_AGE:
-            level, message = STALE, f"nothing received for {age:.1f} s"
+            level = STALE
+            message = f"nothing received for {age:.1f} s"
         values = (("age [s]", f"{age:.3f}"), ("refused", str(refused)))
         return DiagnosticStatus(level, "eskin: joint states", message, values)
 

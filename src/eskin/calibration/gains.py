@@ -143,7 +143,8 @@ def estimate_gains(
             xtol=TOLERANCE,
             ftol=TOLERANCE,
         )
-        found, jacobian = result.x, result.jac
+        found = result.x
+        jacobian = result.jac
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     return problem.build_estimate(found, covariance)
 
@@ -167,7 +168,8 @@ class PressProblem:
         presses: tuple[FingertipPress, ...],
     ) -> None:
         """Measure the presses with the assumed calibration."""
-        self.skin, self.calibration = skin, calibration
+        self.skin = skin
+        self.calibration = calibration
         self.presses, self.prior = presses, GainPrior()
         self.size = SHARED + len(skin.patches)
         self.shown = np.array([self.measure(press) for press in presses])
@@ -220,14 +222,17 @@ class PressProblem:
         prior = self.prior
         ln_gain, exponent, unfelt = self.get_constants(trial)
         usual = np.log(prior.force) + prior.person * trial[1]
-        mean, deviation = np.empty(len(self.presses)), np.empty(len(self.presses))
+        mean = np.empty(len(self.presses))
+        deviation = np.empty(len(self.presses))
         for n, press in enumerate(self.presses):
             response = self.responses[press.patch]
             gain = float(ln_gain[press.patch])
             means, variances = response.compute(gain, exponent, unfelt)
-            middle, spread = usual, prior.press
+            middle = usual
+            spread = prior.press
             if press.force is not None:
-                middle, spread = np.log(press.force), prior.known
+                middle = np.log(press.force)
+                spread = prior.known
             forces = middle + spread * NODES
             shown = np.interp(forces, LN_FORCES, means)
             mean[n] = WEIGHTS @ shown
@@ -268,7 +273,8 @@ class PressProblem:
         self, trial: Float[np.ndarray, "size"], covariance: Float[np.ndarray, "n n"]
     ) -> GainEstimate:
         """Build the estimate of the best trial from the covariance of its deviates."""
-        prior, count = self.prior, len(self.skin.patches)
+        prior = self.prior
+        count = len(self.skin.patches)
         linear = np.zeros((count, self.size))
         linear[:, 0] = prior.device
         linear[:, SHARED:] = prior.patch * np.eye(count)

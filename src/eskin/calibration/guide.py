@@ -179,7 +179,8 @@ class PressGuide(ABC, Generic[Press]):
         self, mounted: MountedSkin, calibration: Calibration, rest_seconds: float
     ) -> None:
         """Start with rest."""
-        self.mounted, self.rest_seconds = mounted, rest_seconds
+        self.mounted = mounted
+        self.rest_seconds = rest_seconds
         self.phase: Literal["rest", "press", "done"] = "rest"
         self.presses: list[Press] = []
         self.assumed = calibration
@@ -245,7 +246,8 @@ class PressGuide(ABC, Generic[Press]):
         if self.is_pressed:
             self.pressing.add(state)
             return None
-        ended, self.pressing = self.pressing, PressSummary()
+        ended = self.pressing
+        self.pressing = PressSummary()
         if taxel is None or self.phase == "done":
             return None
         if text := self.describe_refusal(ended, taxel):
@@ -491,7 +493,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         restless = self.find_restless(rest) & ~self.faults.mask
         self.restless = int(np.count_nonzero(restless))
         self.ignored = self.faults.mask | restless
-        self.rest, self.record = rest, []
+        self.rest = rest
+        self.record = []
         self.phase = "press" if self.config.presses and self.wanted else "done"
         return GuideEvent("rested")
 
@@ -549,7 +552,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
     def restart_rest(self, text: str, stamp: int) -> GuideEvent | None:
         """Forget the time at rest so far; tell it once for each touch."""
         self.forget_rest()
-        last, self.touched_at = self.touched_at, stamp
+        last = self.touched_at
+        self.touched_at = stamp
         apart = last is None or stamp - last > APART * NS_PER_S
         return GuideEvent("touched", text) if apart else None
 
@@ -603,7 +607,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             if patch not in self.skipped and count < self.config.presses:
                 taxel = self.find_place(patch, PLACES[count % len(PLACES)])
                 x, y, z = self.skin.positions[taxel].tolist()
-                name, force = self.skin.patches[patch].id, self.get_force(patch)
+                name = self.skin.patches[patch].id
+                force = self.get_force(patch)
                 return PressRequest(name, taxel, (x, y, z), force)
         return None
 
@@ -633,7 +638,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             )
         press = replace(self.assumed, gain=self.assumed.gain[[self.strongest]])
         pressure = float(press.compute_pressure(np.array([self.largest]))[0])
-        bits, remedy = self.fewer_bits, "press more firmly"
+        bits = self.fewer_bits
+        remedy = "press more firmly"
         if bits is not None and self.largest > 0:
             remedy += (
                 f"; if the converter has {bits} bits, as no count was above "

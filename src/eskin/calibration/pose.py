@@ -39,7 +39,8 @@ MAX_NOISE = 0.005
 """Largest deviation of a press along the surface that is believed [m]."""
 USUAL_NOISE = (0.0008, 0.0003)
 """Deviation along and across the surface by which presses are chosen [m]."""
-WIDE_TURN, WIDE_SHIFT = 1.0, 0.1
+WIDE_TURN = 1.0
+WIDE_SHIFT = 0.1
 """Deviation of rotation [rad] and shift [m] before the first press."""
 ITERATIONS = 30
 CONVERGED = 1e-10
@@ -121,7 +122,8 @@ def find_felt_point(
     """
     force = pressure * skin.areas[taxels]
     force = force / force.sum()
-    places, normals = skin.positions[taxels], skin.normals[taxels]
+    places = skin.positions[taxels]
+    normals = skin.normals[taxels]
     normal = force @ normals
     normal /= np.linalg.norm(normal)
     radius, centre = fit_centre(places, normals)
@@ -153,8 +155,12 @@ def estimate_pose(
     """
     check_presses(patch, known)
     centre = find_middle(skin, patch)
-    turn, shift, noise = np.eye(3), np.zeros(3), np.array([1e-3, 1e-3])
-    freedom, shares, inverse = np.ones(2), np.ones(2), np.zeros((6, 6))
+    turn = np.eye(3)
+    shift = np.zeros(3)
+    noise = np.array([1e-3, 1e-3])
+    freedom = np.ones(2)
+    shares = np.ones(2)
+    inverse = np.zeros((6, 6))
     for _ in range(ITERATIONS):
         arm = (felt - centre) @ turn.T
         jacobian, weights, across = linearise(arm, normals @ turn.T, noise)
@@ -163,7 +169,8 @@ def estimate_pose(
         step = np.linalg.solve(
             squares, np.einsum("pia,pij,pj->a", jacobian, weights, left)
         )
-        turn, shift = exp_so3(step[:3]) @ turn, shift + step[3:]
+        turn = exp_so3(step[:3]) @ turn
+        shift = shift + step[3:]
         left = left - jacobian @ step
         inverse = np.linalg.inv(squares)
         kinds = np.stack([np.eye(3) - across, across])
@@ -242,12 +249,14 @@ def choose_taxels(skin: Skin, patch: str, count: int) -> Int[np.ndarray, "press"
     jacobian, weights, _ = linearise(arm, skin.normals[taxels], USUAL_NOISE)
     squares = np.einsum("pia,pij,pjb->pab", jacobian, weights, jacobian)
     found = np.diag([1.0 / WIDE_TURN**2] * 3 + [1.0 / WIDE_SHIFT**2] * 3)
-    left, chosen = np.ones(len(taxels), bool), []
+    left = np.ones(len(taxels), bool)
+    chosen = []
     for _ in range(count):
         covariance = np.linalg.inv(found + squares)
         variance = np.trace(covariance[:, :3, :3], axis1=1, axis2=2)
         best = int(np.argmin(np.where(left, variance, np.inf)))
-        found, left[best] = found + squares[best], False
+        found = found + squares[best]
+        left[best] = False
         chosen.append(best)
     return taxels[chosen]
 
@@ -270,7 +279,8 @@ def check_presses(patch: str, known: Points) -> None:
 
 def move_patch(skin: Skin, estimate: PoseEstimate) -> Skin:
     """Return a skin with a patch where it was estimated to be."""
-    taxels, T = skin.find_taxels(estimate.patch), estimate.T_true_file
+    taxels = skin.find_taxels(estimate.patch)
+    T = estimate.T_true_file
     moves = {"positions": apply, "normals": rotate, "tangents": rotate}
     moved = {name: getattr(skin, name).copy() for name in moves}
     for name, move in moves.items():
@@ -363,7 +373,8 @@ class PoseGuide(PressGuide[PosePress]):
     def build_press(self, press: PressSummary, taxel: int) -> PosePress:
         """Build the press of the point that is asked for from its mean pressure."""
         number = self.waiting.pop(0)
-        point, total = self.points[number], press.sum_pressure()
+        point = self.points[number]
+        total = press.sum_pressure()
         own = self.skin.find_taxels(point.patch)
         taxels = own[total[own] > 0]
         felt, normal = find_felt_point(self.skin, taxels, total[taxels])
@@ -379,7 +390,8 @@ class PoseGuide(PressGuide[PosePress]):
         """Point to press next; None where all are pressed or left out."""
         if not self.waiting:
             return None
-        number, skin = self.waiting[0], self.skin
+        number = self.waiting[0]
+        skin = self.skin
         point = self.points[number]
         own = skin.find_taxels(point.patch)
         distances = np.linalg.norm(skin.positions[own] - point.p_link, axis=1)

@@ -135,7 +135,8 @@ def find_resting_hand(
     flags = np.zeros(skin.count, bool)
     for patch in range(len(skin.patches)):
         members = np.flatnonzero(skin.patch_index == patch)
-        rest, noise = estimate.rest[members], estimate.noise[members]
+        rest = estimate.rest[members]
+        noise = estimate.noise[members]
         high = rest - np.median(rest) >= contact[members]
         flags[members] = high & (noise >= HAND_NOISE * np.median(noise))
     adjacency = Adjacency.build(skin)

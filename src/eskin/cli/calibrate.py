@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from eskin.skin import Skin
     from eskin.touch import Fault
 
-MAX_SECONDS, MAX_PRESSES = 120.0, 50
+MAX_SECONDS = 120.0
+MAX_PRESSES = 50
 """Longest time at rest [s], and most presses of a patch."""
 
 
@@ -219,7 +220,8 @@ def summarise(
     result: "CalibrationResult", skin: "Skin", command: CalibrateCommand
 ) -> dict[str, object]:
     """Return what was measured as plain values."""
-    calibration, noise = result.calibration, result.rest.noise[result.codes < 0]
+    calibration = result.calibration
+    noise = result.rest.noise[result.codes < 0]
     return {
         "taxels": skin.count,
         **{kind: result.count_taxels(kind) for kind in ("noisy", "dead", "stuck")},

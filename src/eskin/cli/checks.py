@@ -57,7 +57,8 @@ class Range:
         return f"{kind} {low} up to {self.high:g}" if is_bounded else f"{kind} {low}"
 
 
-POSITIVE, NOT_NEGATIVE = Range(0, is_open=True), Range(0)
+POSITIVE = Range(0, is_open=True)
+NOT_NEGATIVE = Range(0)
 POSITIVE_OR_INF = Range(0, is_open=True, allows_inf=True)
 
 
@@ -85,7 +86,8 @@ def check_options(command: Any) -> None:  # noqa: ANN401
             that it needs, or with one that it excludes.
     """
     for field in fields(command):
-        value, option = getattr(command, field.name), name_option(field.name)
+        value = getattr(command, field.name)
+        option = name_option(field.name)
         if not is_given(value):
             continue
         for rule in getattr(field.type, "__metadata__", ()):
@@ -235,7 +237,8 @@ def check_folder(folder: Path) -> None:
     """
     paths = folder.absolute(), *folder.absolute().parents
     nearest = next(path for path in paths if path.exists())
-    reason, remedy = f"{nearest} is no folder", "give a path in one"
+    reason = f"{nearest} is no folder"
+    remedy = "give a path in one"
     if nearest.is_dir():
         try:
             with tempfile.TemporaryFile(dir=nearest) as trial:

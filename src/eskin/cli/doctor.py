@@ -101,7 +101,8 @@ def run_checks() -> Iterator[Check]:
 
 def check_plugins(group: str) -> Check:
     """List the entry points of a group; load those of other packages than eskin."""
-    found, ok = [], True
+    found = []
+    ok = True
     for name, entry in find_plugins(group).items():
         if entry.module.startswith("eskin."):
             found.append(name)
@@ -141,7 +142,8 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
         events = source.take_events()
     broken = "; ".join(observed.problems)
     yield Check("driver", not broken, broken or "keeps the rules of sources")
-    rates, ages = observed.rates.tolist(), observed.ages.tolist()
+    rates = observed.rates.tolist()
+    ages = observed.ages.tolist()
     damaged = "; ".join(event.text for event in events if event.kind == "damaged")
     if damaged and all(map(math.isinf, ages)):
         yield Check("data", False, damaged)

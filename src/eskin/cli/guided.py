@@ -168,7 +168,8 @@ class Dialogue(ABC, Generic[Guide]):
 
     def describe_request(self) -> str:
         """Describe what to do now; empty where nothing is to be done."""
-        guide, request = self.guide, self.guide.request
+        guide = self.guide
+        request = self.guide.request
         if guide.phase == "rest":
             return f"hands off for {guide.rest_seconds:g} s"
         if guide.phase == "done" or request is None:
@@ -217,7 +218,8 @@ class Dialogue(ABC, Generic[Guide]):
         """Build what the page shows of the guide."""
         from eskin.page import GuideBoard
 
-        guide, request = self.guide, self.guide.request
+        guide = self.guide
+        request = self.guide.request
         place = None
         if guide.phase == "press" and request is not None:
             place = build_place(request, guide.mounted)
@@ -406,7 +408,8 @@ def guide_person(
     since: int | None = None
     for scan in scans:
         since = scan.stamp if since is None else since
-        was_rest, event = guide.phase == "rest", guide.push(scan)
+        was_rest = guide.phase == "rest"
+        event = guide.push(scan)
         # Which way counts go the guide finds out, and says.
         found = [each for each in dialogue.list_faults() if each.kind not in WAY_TEXTS]
         tell_events(printer.push(scan.stamp, found, take_events()), page)
@@ -571,7 +574,8 @@ def is_skipped(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> bo
     if page is None or page.skipped is None or guide.phase != "press":
         return False
     # A click on a previous place is out of date.
-    skipped, page.skipped = page.skipped, None
+    skipped = page.skipped
+    page.skipped = None
     return guide.request is not None and guide.request.name == skipped
 
 
@@ -580,7 +584,8 @@ def is_withdrawn(guide: "PressGuide[Any]", page: "CalibrationViewer | None") -> 
     if page is None or page.repeated is None:
         return False
     # A click after a previous press is out of date.
-    repeated, page.repeated = page.repeated, None
+    repeated = page.repeated
+    page.repeated = None
     return guide.phase == "press" and 0 < repeated == len(guide.presses)
 
 

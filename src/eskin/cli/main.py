@@ -191,7 +191,8 @@ def split_command(argv: list[str]) -> tuple[str, list[str]]:
         if name in COMMANDS:
             return name, argv[words:]
     begun = [name for name in COMMANDS if name.split()[0] == argv[0]]
-    given, known = " ".join(argv[: 2 if begun else 1]), ", ".join(begun or COMMANDS)
+    given = " ".join(argv[: 2 if begun else 1])
+    known = ", ".join(begun or COMMANDS)
     like = get_close_matches(given, COMMANDS, 1)
     meant = f"; did you mean {like[0]}?" if like else ""
     raise ValueError(

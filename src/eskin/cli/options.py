@@ -55,7 +55,8 @@ def describe_class(info: StructTypeInfo) -> StructConstructorSpec | None:
         default = find_default(each, info.default)
         is_told = default not in (None, (), "", {}, tyro.MISSING)
         is_told = is_told and not isinstance(default, bool)
-        hint, own = None if is_told else "", hints[each.name]
+        hint = None if is_told else ""
+        own = hints[each.name]
         words = tyro.conf.arg(metavar=describe_kind(own), help_behavior_hint=hint)
         metadata = get_args(own)[1:] if get_origin(own) is Annotated else ()
         # What the field says itself comes last, and counts.
@@ -104,7 +105,8 @@ def iterate_texts(body: Sequence[ast.stmt]) -> Any:  # noqa: ANN401
 
 def describe_kind(hint: Any) -> str | None:  # noqa: ANN401
     """Describe what a type takes, as `INT` or `{a,b}`; None where tyro knows better."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin is Annotated:
         return describe_kind(inner[0])
     if origin in (Union, UnionType):

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
         RecordingGuide,
     )
 
-MAX_GESTURES, MAX_TIMES = 50, 1000
+MAX_GESTURES = 50
+MAX_TIMES = 1000
 KEYS = "a: again, the last one was wrong; s: skip the gesture; q: finish (then Enter)"
 WITHOUT_KEYS = "Ctrl-C finishes, and keeps what was made"
 """What is said in place of the keys where nobody can type them."""
@@ -78,7 +79,8 @@ def run(command: RecordCommand) -> dict[str, object]:
     check_options(command)
     with ExitStack() as stack:
         source, mounted = open_guided_source(command, stack)
-        info, gestures = source.info, command.gestures
+        info = source.info
+        gestures = command.gestures
         guide = RecordingGuide(mounted, info.calibration, gestures, command.times)
         printer = SkinPrinter(info.skin)
         writer = stack.enter_context(

@@ -331,7 +331,8 @@ def run_view(command: ViewCommand) -> dict[str, object]:
     if lacking := robot.describe_lacking_meshes("drawn"):
         print(lacking)
     mounted = MountedSkin(recording.skin, robot)
-    detections, config = recording.detections, None
+    detections = recording.detections
+    config = None
     if command.model is not None:
         model = load_model(command.model)
         config = model.card.pipeline

@@ -137,7 +137,8 @@ def run(command: RunCommand) -> dict[str, object]:
 
     check_options(command)
     import_buses(command)
-    model, clock = load_model(command.model), HostClock()
+    model = load_model(command.model)
+    clock = HostClock()
     config = replace(
         command.build_config(command.pace),
         seed=command.seed,
@@ -319,7 +320,8 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
     """
     from eskin.app import find_driver
 
-    doubts, driver = [], find_driver(command.source)
+    doubts = []
+    driver = find_driver(command.source)
     if command.key is None and driver.touches == "network":
         doubts.append("unauthenticated: who can send to this port can fake touches")
     if command.ros2 and is_without_joints(command):
@@ -380,7 +382,8 @@ def build_policy(
     from eskin.command.arm import ArmJoints
     from eskin.errors import CommandError
 
-    skin, vocabulary = source.info.skin, model.card.vocabulary
+    skin = source.info.skin
+    vocabulary = model.card.vocabulary
     ArmJoints(arm, source.info.load_robot(command.robot_urdf))
     commands = load_commands(
         command.commands,
@@ -505,8 +508,10 @@ def build_publishers(
     from eskin.bus import Publisher
 
     recognizer = recognition.recognizer
-    mounted, gestures = recognizer.mounted, recognizer.model.card.vocabulary
-    publishers, drop = [], choose_drop_policy(command)
+    mounted = recognizer.mounted
+    gestures = recognizer.model.card.vocabulary
+    publishers = []
+    drop = choose_drop_policy(command)
     if node is not None:
         from eskin.bus.ros2 import Ros2Bus, Ros2Joints
 
@@ -546,7 +551,8 @@ def summarise(
     source: "Source", stream: "Stream", recognition: "Recognition", commands: int
 ) -> dict[str, object]:
     """Print and return the counts of the stream and the durations of its steps."""
-    counted, queues = source.counters(), stream.queue_counts()
+    counted = source.counters()
+    queues = stream.queue_counts()
     skipped = counted.get("skipped", 0)
     dropped = skipped + sum(queue.dropped for queue in queues.values())
     step = recognition.step

@@ -74,7 +74,8 @@ class EventLines:
 
     def gather(self, event: Event) -> bool:
         """Collect patches with events of one kind at once; return whether it is new."""
-        last, self.last = self.last, event
+        last = self.last
+        self.last = event
         is_next = (
             last is not None
             and event.kind == last.kind

@@ -88,7 +88,8 @@ class FunctionCall:
             f"function '{name}' does not return",
             "let it start a thread for what takes long",
         )
-        self.function, self.arguments = COMMAND_FUNCTIONS[name], (arm, detection)
+        self.function = COMMAND_FUNCTIONS[name]
+        self.arguments = (arm, detection)
         self.error: BaseException | None = None
         self.thread = Thread(target=self.run, name=f"eskin {name}", daemon=True)
         self.thread.start()

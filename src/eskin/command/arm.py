@@ -202,7 +202,8 @@ class ArmJoints(JointSource):
             ArmError: The names do not tell which joints are those of the arm.
         """
         self.arm = arm
-        names, own = robot.joint_names, arm.joint_names
+        names = robot.joint_names
+        own = arm.joint_names
         prefixes = [n.removesuffix(own[0]) for n in names if n.endswith(own[0])]
         found = [p for p in prefixes if {p + name for name in own} <= set(names)]
         prefix = found[0] if len(found) == 1 else ""

@@ -223,7 +223,8 @@ class CommandMap(BaseModel):
             "patch": tuple(patch.id for patch in skin.patches),
             "function": tuple(COMMAND_FUNCTIONS),
         }
-        found, links = [], {patch.id: patch.link for patch in skin.patches}
+        found = []
+        links = {patch.id: patch.link for patch in skin.patches}
         for index, rule in enumerate(self.commands):
             where = f"commands[{index}]"
             for key, allowed in known.items():

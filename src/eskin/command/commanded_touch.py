@@ -420,7 +420,8 @@ class CommandedTouches:
         It is the chance at its latest reading, or the detection's confidence if the
         likeliest gesture stops the arm.
         """
-        touch, stops = self.find(detection.touch), self.stops[detection.patch]
+        touch = self.find(detection.touch)
+        stops = self.stops[detection.patch]
         least = min(stops.values(), default=1.0)
         required = touch.stop_required if touch.patch else least
         chance = touch.stop_chance

@@ -108,14 +108,16 @@ class SkinMonitor:
         self.sizes = np.bincount(self.patch_index, minlength=len(self.patches))
         self.least_valid = np.maximum(1, np.ceil(config.min_valid * self.sizes))
         self.latest = now
-        self.is_finite, self.is_turned = True, False
+        self.is_finite = True
+        self.is_turned = False
         self.last_valid = np.full(len(self.patches), now, np.int64)
         self.last_touched = np.zeros(len(self.patches), np.int64)
         self.reach: dict[tuple[int, ...], np.ndarray] = {}
 
     def update(self, recognition: RecognitionState, touched: Iterable[str]) -> None:
         """Update from the next reading, and the patches that are touched in it."""
-        state, chances = recognition.state, recognition.probabilities
+        state = recognition.state
+        chances = recognition.probabilities
         self.is_finite = all(np.isfinite(each).all() for each in chances.values())
         self.latest = stamp = state.reading.stamp
         valid = np.bincount(
@@ -223,7 +225,8 @@ class SkinMonitor:
             if not beside.any():
                 reach[index] = np.inf
                 continue
-            ours, others = self.positions[self.patch_index == index], beside
+            ours = self.positions[self.patch_index == index]
+            others = beside
             gaps = ours[:, None] - self.positions[others][None]
             reach[index] = np.linalg.norm(gaps, axis=2).min(axis=1).max()
         return reach

@@ -143,7 +143,8 @@ class TaskExecutor:
         self.task = task
         self.trajectory = Trajectory(start if q is None else q, motion)
         self.index = 0
-        self.paused, self.pause_count = False, 0
+        self.paused = False
+        self.pause_count = 0
         self.hold_reason: str | None = None
         self.speed = self.speed_limit = 1.0
         self.gripper: Grip = "open"
@@ -167,7 +168,8 @@ class TaskExecutor:
 
     def pause(self) -> None:
         """Stop, because a person asked for it."""
-        self.paused, self.pause_count = True, self.pause_count + 1
+        self.paused = True
+        self.pause_count = self.pause_count + 1
         self.end_jog()
 
     def resume(self) -> None:
@@ -232,7 +234,8 @@ class TaskExecutor:
     def move_gripper(self, grip: Grip) -> None:
         """Start to open or close the gripper."""
         if self.gripping != grip and (self.gripping or self.gripper) != grip:
-            self.gripping, self.grip_left = grip, GRIP_SECONDS
+            self.gripping = grip
+            self.grip_left = GRIP_SECONDS
 
     def set_speed(self, share: float) -> None:
         """Go at a share of full speed.
@@ -299,11 +302,13 @@ class TaskExecutor:
             self.carrying = False
         else:
             self.carrying = arrived and self.waypoint.purpose == "take"
-        self.gripper, self.gripping = grip, None
+        self.gripper = grip
+        self.gripping = None
 
     def handle_arrival(self) -> None:
         """Do what is done at this waypoint, then go on."""
-        purpose, closed = self.waypoint.purpose, self.gripper == "closed"
+        purpose = self.waypoint.purpose
+        closed = self.gripper == "closed"
         if purpose == "take" and not self.carrying:
             self.move_gripper("open" if closed else "closed")
         elif purpose == "bring" and closed:

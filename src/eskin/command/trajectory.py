@@ -113,7 +113,8 @@ class Trajectory:
         self, start: Float[np.ndarray, "joint"], goal: Float[np.ndarray, "joint"]
     ) -> None:
         """Stand at the start of a new segment [rad]."""
-        start, goal = np.array(start, np.float64), np.array(goal, np.float64)
+        start = np.array(start, np.float64)
+        goal = np.array(goal, np.float64)
         self.segment = JointSegment(start, goal, self.config)
         self.next_goal = None
         self.time = self.scale = 0.0
@@ -173,7 +174,8 @@ class Trajectory:
     def step(self, seconds: float, scale: float, urgent: bool) -> float:
         """Advance until the time scale is reached, at most; return the time passed."""
         ramp = self.config.brake_seconds if urgent else self.config.ramp_seconds
-        before, gap = self.scale, scale - self.scale
+        before = self.scale
+        gap = scale - self.scale
         needed = abs(gap) * ramp
         passed = seconds if needed <= TOLERANCE else min(seconds, needed)
         if passed >= needed:

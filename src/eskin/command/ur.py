@@ -208,10 +208,12 @@ class RtdeController:
 
     def status(self) -> UrStatus:
         """Return the status; raise a ConnectionError if the controller is silent."""
-        receive, now = self.receive, monotonic()
+        receive = self.receive
+        now = monotonic()
         timestamp = receive.getTimestamp()
         if timestamp != self.timestamp:
-            self.timestamp, self.last_answer = timestamp, now
+            self.timestamp = timestamp
+            self.last_answer = now
         connected = receive.isConnected() and self.control.isConnected()
         if not connected or now - self.last_answer > self.timeout:
             raise ConnectionError("the robot's controller has stopped sending")

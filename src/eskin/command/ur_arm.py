@@ -135,7 +135,8 @@ class UrArm(TaskArm):
     def update(self) -> None:
         """Send the robot its set-points, receive its status, and advance the task."""
         with self.lock:
-            command, ready = self.build_command(), self.is_ready()
+            command = self.build_command()
+            ready = self.is_ready()
         status, loss = self.exchange(command)
         with self.lock:
             now = self.clock.now()

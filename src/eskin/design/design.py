@@ -36,7 +36,8 @@ from eskin.skin.taxel_table import MAX_TAXELS
 
 EDGE = 0.45
 """Length of the triangles' edges over the spacing of the taxels."""
-LEAST_EDGE, MOST_EDGE = 0.0015, 0.01
+LEAST_EDGE = 0.0015
+MOST_EDGE = 0.01
 """Smallest and largest length of the triangles' edges [m]."""
 
 
@@ -179,7 +180,10 @@ def build_surfaces(
         Surfaces of small triangles of the links with regions, those of all links with
         a shape, and what was repaired.
     """
-    fine, coarse, warnings, room = {}, {}, [], MAX_TRIANGLES
+    fine = {}
+    coarse = {}
+    warnings = []
+    room = MAX_TRIANGLES
     pitches: dict[str, float] = {}
     for region in spec.regions:
         pitch = compute_pitch(region)

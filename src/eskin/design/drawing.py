@@ -222,7 +222,8 @@ def route_returns(
         The lines of the rows, then of the columns, each to where it enters the band;
         and the smallest distance of two lines [mm].
     """
-    half, count = len(y) // 2, len(x) + len(y)
+    half = len(y) // 2
+    count = len(x) + len(y)
     step = BAND * pitch / (2 * max(column + half, count - 1 - column - half) + 1)
     lanes = x[column] + step * (np.arange(count) - column - half)
     row_lanes = np.delete(lanes[column : column + len(y) + 1], half)
@@ -251,7 +252,8 @@ def build_outline(
     """Build the outline of all cells, less half a seam, with the tail [mm]."""
     cells = union_all([Polygon(c + square(pitch * (1 + 1e-9))) for c in centres])
     body = cells.buffer(-SEAM / 2, join_style="mitre")
-    half, bottom = BAND * pitch / 2, low - pitch / 2
+    half = BAND * pitch / 2
+    bottom = low - pitch / 2
     tongue = box(tail - half, bottom - TAIL_LENGTH, tail + half, low)
     outline = union_all([body, tongue])
     if not isinstance(outline, Polygon):
@@ -284,11 +286,15 @@ def arrange_sheet(drawings: Sequence[PatchDrawing]) -> list[PatchDrawing]:
         1.25 * np.sqrt((sizes + SHEET_GAP).prod(axis=1).sum()), sizes[:, 0].max()
     )
     order = np.argsort(-sizes[:, 1], kind="stable")
-    left, top, placed = 0.0, 0.0, list(drawings)
+    left = 0.0
+    top = 0.0
+    placed = list(drawings)
     height = 0.0
     for number in order:
         if left > 0 and left + sizes[number, 0] > width:
-            left, top, height = 0.0, top - height - SHEET_GAP, 0.0
+            left = 0.0
+            top = top - height - SHEET_GAP
+            height = 0.0
         low, high = drawings[number].bounds
         placed[number] = drawings[number].move(np.array([left - low[0], top - high[1]]))
         left += sizes[number, 0] + SHEET_GAP

@@ -149,7 +149,8 @@ def build_report(
 
 def build_region_row(design: SkinDesign, number: int) -> dict[str, object]:
     """Build the figures of one region."""
-    result, skin = design.regions[number], design.skin
+    result = design.regions[number]
+    skin = design.skin
     own = np.isin(skin.patch_index, result.patches)
     covered = PER_CM2 * float(skin.areas[own].sum())
     distortions = [design.layouts[i].distortion for i in result.patches]

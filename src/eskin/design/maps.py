@@ -108,7 +108,8 @@ def find_faces_around(
     mesh: UnrolledMesh, layout: PatchLayout
 ) -> Bool[np.ndarray, "face"]:
     """Find the triangles of a mesh that lie near the cells of a patch."""
-    flat, grid = layout.grid.unrolled(), layout.grid
+    flat = layout.grid.unrolled()
+    grid = layout.grid
     reach = (0.5 + MARGIN) * max(grid.row_pitch, grid.column_pitch)
     low, high = flat.min(axis=0) - reach, flat.max(axis=0) + reach
     corners = mesh.flat[mesh.faces]

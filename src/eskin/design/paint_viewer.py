@@ -60,8 +60,12 @@ class PaintViewer:
             DeviceError: the port is not available.
         """
         config = config or ViewerConfig()
-        self.mounted, self.on_save, self.previous = mounted, on_save, previous
-        self.max_balls, self.on_place, self.note = max_balls, on_place, ""
+        self.mounted = mounted
+        self.on_save = on_save
+        self.previous = previous
+        self.max_balls = max_balls
+        self.on_place = on_place
+        self.note = ""
         self.balls: list[PaintOrder] = []
         self.closed, self.lock = Flag(), RLock()
         title = f"{mounted.robot.name}: paint the skin"
@@ -112,9 +116,11 @@ class PaintViewer:
         names = np.array(self.mounted.robot.link_names)
         links = names[self.mounted.taxel_link_index]
         for ball in self.balls:
-            middles, radius = np.array([ball.p_link]), ball.radius
+            middles = np.array([ball.p_link])
+            radius = ball.radius
             if ball.matrix is not None:
-                middles, radius = self.on_place(ball).positions, SPACING
+                middles = self.on_place(ball).positions
+                radius = SPACING
             away, _ = KDTree(middles).query(self.mounted.skin.positions)
             inside = away <= radius
             found[int(ball.keeps_out)] |= inside & (links == ball.link)

@@ -46,7 +46,8 @@ def sample_surfaces(robot: Robot, links: Sequence[str] = ()) -> Skin:
         RobotError: The robot lacks a link, or no link has a shape.
     """
     names = links or [link.name for link in robot.links if link.geoms]
-    surfaces, problems = [], []
+    surfaces = []
+    problems = []
     for name in names:
         link = robot.links[robot.link_index(name)]
         try:
@@ -146,7 +147,8 @@ def add_painted(
         density: density of the painted regions [1/m2]; None for that of the command
             that designs the skin.
     """
-    regions, keep_outs = [], []
+    regions = []
+    keep_outs = []
     for link in dict.fromkeys(ball.link for ball in balls):
         skin, none = (
             [describe_ball(b) for b in balls if (b.link, b.keeps_out) == (link, kind)]

@@ -181,7 +181,8 @@ def place_grid(task: RegionTask, region: FlatRegion) -> tuple[FlatRegion, Mask]:
     used = region.flat[np.unique(region.faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     counts = np.maximum(np.floor((high - low) / task.pitch).astype(int) + 1, 1)
-    middle, jitter = (low + high) / 2, task.random.random(2)
+    middle = (low + high) / 2
+    jitter = task.random.random(2)
     phases = (np.argwhere(np.ones((PHASES, PHASES))) + jitter) / PHASES - 0.5
     origins = middle + task.pitch * phases
     present = find_cells(task, region, counts + 1, origins)
@@ -254,12 +255,15 @@ def measure_distortion(
         first = np.argwhere(present)
         second = first + step
         inside = ((second >= 0) & (second < present.shape)).all(axis=1)
-        first, second = first[inside], second[inside]
+        first = first[inside]
+        second = second[inside]
         both = present[tuple(second.T)]
-        first, second = first[both], second[both]
+        first = first[both]
+        second = second[both]
         if len(first) == 0:
             continue
-        a, b = centres[tuple(first.T)], centres[tuple(second.T)]
+        a = centres[tuple(first.T)]
+        b = centres[tuple(second.T)]
         part = np.linspace(0.0, 1.0, STEPS + 1)[None, :, None]
         line = surface.wrap((a[:, None] + part * (b - a)[:, None]).reshape(-1, 2))
         points = line.positions.reshape(len(first), STEPS + 1, 3)
@@ -420,7 +424,8 @@ def bisect(
         *np.linalg.eigh((centres * weights[:, None]).T @ centres)[1].T,
         *np.linalg.eigh((unit * weights[:, None]).T @ unit)[1].T,
     ]
-    best, least = None, np.inf
+    best = None
+    least = np.inf
     size = np.sqrt(weights.sum())
     for axis in axes:
         height = centres @ axis
@@ -436,7 +441,8 @@ def bisect(
         # Of planes that leave the same curvature, the one across the longer side.
         cost = curved / weights.sum() - 0.05 * np.std(height) / size
         if cost < least:
-            best, least = above, cost
+            best = above
+            least = cost
     if best is None:
         return []
     return [piece[best], piece[~best]]

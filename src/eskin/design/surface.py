@@ -103,7 +103,8 @@ class PointLocator:
         self, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
     ) -> None:
         """Build a tree of the triangles."""
-        self.vertices, self.faces = vertices, faces
+        self.vertices = vertices
+        self.faces = faces
         self.tree = igl.AABB()
         self.tree.init(vertices, faces)
 
@@ -225,7 +226,9 @@ def close_bodies(
     soup = labels.max(initial=0) >= MAX_BODIES
     is_whole = soup or labels.max(initial=0) == 0
     parts = [mesh] if is_whole else mesh.split(only_watertight=False)
-    closed, capped, broken = [], [], [mesh] if soup else []
+    closed = []
+    capped = []
+    broken = [mesh] if soup else []
     for part in () if soup else parts:
         if (body := to_manifold(part)) is not None:
             closed.append(body)
@@ -249,7 +252,8 @@ def close_bodies(
 
 def cap_holes(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Close every hole of a mesh by triangles to the middle of its border."""
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int64)
+    vertices = np.asarray(mesh.vertices)
+    faces = np.asarray(mesh.faces, np.int64)
     if not igl.is_edge_manifold(faces)[0]:
         return mesh
     loops = igl.boundary_loop_all(faces)
@@ -404,7 +408,8 @@ def insert_points(
     Returns:
         The vertices [m], the triangles, and the vertex of every point.
     """
-    vertices, faces = surface.vertices, surface.faces
+    vertices = surface.vertices
+    faces = surface.faces
     index = np.full(len(points), -1)
     waiting = np.arange(len(points))
     while len(waiting):

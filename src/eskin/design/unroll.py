@@ -31,7 +31,8 @@ MAX_FLATTENED = 50_000
 """Largest number of triangles that are unrolled together: time grows faster."""
 ITERATIONS = 40
 """Number of iterations of the unrolling."""
-MAX_FLIPPED, MAX_OVERLAP = 1e-4, 2e-3
+MAX_FLIPPED = 1e-4
+MAX_OVERLAP = 2e-3
 """Largest fractions of the area of triangles that are turned over, or overlap."""
 INSIDE = 1e-7
 """Distance up to which a point lies in an unrolled region [m]."""
@@ -156,7 +157,8 @@ def unroll_region(
     """
     # Where only corners of triangles meet, the region is cut.
     faces, used = igl.split_nonmanifold(surface.faces[region])
-    faces, vertices = faces.astype(np.int64), surface.vertices[used]
+    faces = faces.astype(np.int64)
+    vertices = surface.vertices[used]
     normals = igl.per_vertex_normals(
         vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_ANGLE
     )
@@ -290,7 +292,8 @@ def compute_signed_areas(
 ) -> Float[np.ndarray, "face"]:
     """Return twice the signed areas of triangles in the plane [m2]."""
     a, b, c = np.moveaxis(flat[faces], 1, 0)
-    first, second = b - a, c - a
+    first = b - a
+    second = c - a
     return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
 
 

@@ -143,7 +143,8 @@ def compute_exposure(
 def build_directions(count: int) -> Float[np.ndarray, "direction 3"]:
     """Build unit vectors that are spread evenly, on a spiral (Vogel 1979)."""
     index = np.arange(count) + 0.5
-    angle, z = np.pi * (1 + np.sqrt(5)) * index, 1 - 2 * index / count
+    angle = np.pi * (1 + np.sqrt(5)) * index
+    z = 1 - 2 * index / count
     across = np.sqrt(1 - z**2)
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), z])
 

@@ -159,7 +159,8 @@ class ClockOffsetEstimator:
         self.min_residual = 0.0
         self.bound = (0, 0)
         self.late_run = LateRun()
-        self.is_late, self.excess = False, 0.0
+        self.is_late = False
+        self.excess = 0.0
         self.restart(0, 0, arrived)
 
     def restart(self, elapsed: int, offset: int, arrived: int) -> None:
@@ -210,7 +211,8 @@ class ClockOffsetEstimator:
         if arrived >= self.bucket_end:
             self.close_bucket(elapsed, offset, arrived)
         elif residual < self.best_residual:
-            self.best, self.best_residual = (elapsed, offset), residual
+            self.best = (elapsed, offset)
+            self.best_residual = residual
 
     def to_host(self, device: int) -> int:
         """Return the host time of a device time [ns] by the current estimate."""
@@ -292,18 +294,22 @@ class EchoBounds:
         else:
             self.latest = EchoInterval(elapsed, low, high)
             self.update_drift()
-        self.device, self.elapsed = device_time, elapsed
+        self.device = device_time
+        self.elapsed = elapsed
 
     def update_drift(self) -> None:
         """Bound the drift between the latest bounds and those kept, and keep them."""
-        latest, last = self.latest, self.kept[-1]
-        smallest, largest = -MAX_CLOCK_ERROR, MAX_CLOCK_ERROR
+        latest = self.latest
+        last = self.kept[-1]
+        smallest = -MAX_CLOCK_ERROR
+        largest = MAX_CLOCK_ERROR
         for echo in self.kept:
             passed = latest.elapsed - echo.elapsed
             if passed >= ECHO_INTERVAL:
                 slowest = (latest.low - echo.high) / passed - RATE_MARGIN
                 fastest = (latest.high - echo.low) / passed + RATE_MARGIN
-                smallest, largest = max(smallest, slowest), min(largest, fastest)
+                smallest = max(smallest, slowest)
+                largest = min(largest, fastest)
         if smallest > largest:
             self.restart(latest)
             return

@@ -106,7 +106,8 @@ class ScanNumberWindow:
     def restart(self) -> None:
         """Start over at the next number; what was lost stays counted."""
         self.gone = self.lost
-        self.highest, self.seen = None, ALL_SEEN
+        self.highest = None
+        self.seen = ALL_SEEN
 
 
 class ScanTime(NamedTuple):
@@ -161,9 +162,12 @@ class ClockEpoch:
         """Update the clock by a packet of it; return the packet's scan time."""
         time, scans = step
         self.packets += 1
-        device, number = self.device + time, self.number + scans
+        device = self.device + time
+        number = self.number + scans
         if scans > 0:
-            self.device, self.number, self.arrived = device, number, arrived
+            self.device = device
+            self.number = number
+            self.arrived = arrived
             self.scans += 1
         return ScanTime(number, self.offset.push(device, arrived))
 
@@ -194,7 +198,8 @@ class PacketMemory:
     def add(self, device_time: int, scan: int, content: int) -> bool:
         """Add a packet; return whether it was there already."""
         digest = hash((device_time, scan, content)) % DIGEST_BITS
-        place, bit = digest >> 3, 1 << (digest & 7)
+        place = digest >> 3
+        bit = 1 << (digest & 7)
         former = self.former
         known = self.recent[place] & bit or (former and former[place] & bit)
         if not self.recent[place] & bit:
@@ -339,7 +344,8 @@ class DeviceClock:
             self.reboots += 1
         if self.echoes is not None:
             other.offset.drift_range = self.echoes.drift_range
-        self.epoch, self.candidate = other, None
+        self.epoch = other
+        self.candidate = None
         self.doubt = self.problem = None
 
     def is_recent(self, device_time: int, arrived: int) -> bool:

@@ -332,7 +332,8 @@ class LineDeframer(Framing):
 
     def reset(self) -> None:
         """Discard the open line; the rest of it will be left out."""
-        self.open, self.other = bytearray(), b""
+        self.open = bytearray()
+        self.other = b""
         self.skipping = True
 
     def push(self, chunk: bytes) -> list[bytes]:
@@ -346,7 +347,8 @@ class LineDeframer(Framing):
         for part in ends:
             if not self.skipping:
                 lines.append(bytes(self.open + part))
-            self.open, self.skipping = bytearray(), False
+            self.open = bytearray()
+            self.skipping = False
         if ends and not start:
             # The other half of the end may be in the next chunk.
             last = END.findall(chunk)[-1]

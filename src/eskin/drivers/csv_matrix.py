@@ -202,7 +202,8 @@ class MatrixLine:
         Where the age of a line is not known, since this computer was busy, its sample
         has the stamp of the latest time at which the port was known to be empty.
         """
-        empty_at, before = self.empty_at, self.bytes
+        empty_at = self.empty_at
+        before = self.bytes
         self.bytes = self.deframer.bytes
         if self.bytes - before < MAX_READ_BYTES:
             self.empty_at = now
@@ -666,7 +667,8 @@ class CsvMatrix(SampleDevice):
                 f"{len(skin.patches)} patches; allowed is one port a patch, in the "
                 "order of skin.yaml; name as many"
             )
-        self.clock, self.baud = clock, baud
+        self.clock = clock
+        self.baud = baud
         self.ports: list[SerialPort] = []
         self.lines = [MatrixLine(form, skin, n) for n, form in enumerate(forms)]
 

@@ -88,7 +88,8 @@ class DeviceSource(Source):
         self.assembler = Assembler(skin, joints, self.log)
         self.sessions = HostSessions(self.assembler.streams, clock, key)
         self.ready: deque[Scan] = deque()
-        self.closed, self.left_unread = False, 0
+        self.closed = False
+        self.left_unread = 0
         await_first_byte(
             uri,
             clock,

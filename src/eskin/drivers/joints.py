@@ -117,8 +117,10 @@ class JointHistory:
         index = bisect_right(self.stamps, stamp)
         if index == 0:
             return self.positions[0]
-        before, after = self.stamps[index - 1], self.stamps[index]
-        q, q_after = self.positions[index - 1], self.positions[index]
+        before = self.stamps[index - 1]
+        after = self.stamps[index]
+        q = self.positions[index - 1]
+        q_after = self.positions[index]
         return q + (q_after - q) * ((stamp - before) / (after - before))
 
 
@@ -336,9 +338,11 @@ class PoseLog:
             received: whether each taxel has new data.
         """
         try:
-            q, problem = self.joints.q_at(stamp), None
+            q = self.joints.q_at(stamp)
+            problem = None
         except JointsError as error:
-            q, problem = error.q, str(error)
+            q = error.q
+            problem = str(error)
             received = np.zeros_like(received)
         if self.is_known != (problem is None):
             self.is_known = problem is None
@@ -368,7 +372,8 @@ def parse_positions(data: bytes, robot: Robot) -> Float[np.ndarray, "joint"]:
         raise ValueError("it is no JSON") from None
     if not isinstance(message, dict) or not isinstance(message.get("position"), list):
         raise ValueError("it has no list 'position'")
-    position, names = message["position"], message.get("name")
+    position = message["position"]
+    names = message.get("name")
     if names is None:
         return check_positions(position, robot)
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):

@@ -202,15 +202,18 @@ class AddressSlot:
             return self.assign(claim, arrived) or changed
         if len(self.claims) < MAX_CLAIMS:
             self.claims[key] = claim
-            self.disputed, self.port = True, None
+            self.disputed = True
+            self.port = None
         return changed
 
     def update_claim(self, claim: ModuleClaim, hello: Hello, arrived: int) -> None:
         """Update a claim by another hello; its firmware may have changed."""
-        fits, fitted = self.fits(hello), claim.fits
+        fits = self.fits(hello)
+        fitted = claim.fits
         claim.fits = fits
         claim.last_seen = claim.hello_at = arrived
-        claim.device_time, claim.rate = hello.device_time, hello.rate
+        claim.device_time = hello.device_time
+        claim.rate = hello.rate
         self.check_conflict(arrived)
         if fits == fitted:
             return
@@ -234,7 +237,8 @@ class AddressSlot:
 
     def assign(self, claim: ModuleClaim, arrived: int) -> bool:
         """Give the address to a module; return whether the module has changed."""
-        old, self.module = self.module, claim
+        old = self.module
+        self.module = claim
         won_conflict = self.conflict_reported and old is claim
         self.disputed = self.conflict_reported = self.silent = False
         self.data_at = arrived

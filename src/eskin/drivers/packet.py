@@ -21,8 +21,13 @@ from jaxtyping import UInt16
 
 from eskin.errors import PacketError
 
-VERSION_1, VERSION_2 = 1, 2
-HELLO, DATA, STATUS, REQUEST, ECHO = 1, 2, 3, 4, 5
+VERSION_1 = 1
+VERSION_2 = 2
+HELLO = 1
+DATA = 2
+STATUS = 3
+REQUEST = 4
+ECHO = 5
 KINDS = {
     VERSION_1: (HELLO, DATA, STATUS),
     VERSION_2: (HELLO, DATA, STATUS, REQUEST, ECHO),
@@ -294,7 +299,8 @@ def decode_packet(data: bytes | bytearray | memoryview) -> Packet:
         )
     end = len(data) - CRC.size
     if version == VERSION_2 and kind & SEALED:
-        kind, end = kind ^ SEALED, end - SEAL.size
+        kind = kind ^ SEALED
+        end = end - SEAL.size
     if kind not in kinds:
         raise PacketError(
             f"packet of version {version} is of kind {kind}; allowed are "

@@ -25,7 +25,9 @@ from eskin.units import NS_PER_S
 
 DEFAULT_RATE = 50.0
 """Scan rate of a device that sends nothing while it is opened [1/s]."""
-MEASURE_SECONDS, MEASURE_SAMPLES, MAX_MEASURE_SECONDS = 1.2, 16, 8.0
+MEASURE_SECONDS = 1.2
+MEASURE_SAMPLES = 16
+MAX_MEASURE_SECONDS = 8.0
 """The rate of a device is measured from its first sample on, for a time [s] and until
 so many samples have come, but no longer than a time [s]."""
 MAX_RATE_SAMPLES = 400
@@ -166,7 +168,9 @@ class SampledSource(Source):
                 f"rate is {rate}; allowed is 0.1 to {MAX_SCAN_RATE} scans a second; "
                 "correct it, or leave it out to measure it"
             )
-        self.device, self.clock, self.uri = device, clock, uri
+        self.device = device
+        self.clock = clock
+        self.uri = uri
         self.skin = skin
         self.taxels = [skin.find_taxels(patch.id) for patch in skin.patches]
         self.log = EventLog()
@@ -283,7 +287,8 @@ class SampledSource(Source):
 
     def push(self, sample: PatchSample) -> None:
         """Take a sample, unless it is too old."""
-        now, patch = self.clock.now(), sample.patch
+        now = self.clock.now()
+        patch = sample.patch
         if now - sample.stamp > MAX_HELD:
             self.late += 1
             name = self.skin.patches[patch].id

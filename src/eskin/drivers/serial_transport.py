@@ -101,7 +101,8 @@ class SerialPort:
 
     def close(self) -> None:
         """Close the device file."""
-        line, self.line = self.line, None
+        line = self.line
+        self.line = None
         if line is not None:
             line.close()
 
@@ -114,7 +115,8 @@ def read_available(file: int) -> bytes:
     Raises:
         OSError: the device is gone.
     """
-    chunks, size = [], 0
+    chunks = []
+    size = 0
     while size < MAX_READ_BYTES:
         try:
             chunk = os.read(file, MAX_READ_BYTES - size)

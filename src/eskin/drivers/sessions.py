@@ -125,7 +125,8 @@ def read_key(path: Path) -> bytes:
         DeviceError: the file cannot be read, is open to others or holds no key.
     """
     try:
-        mode, text = path.stat().st_mode, read_file(path, MAX_KEY_FILE).strip()
+        mode = path.stat().st_mode
+        text = read_file(path, MAX_KEY_FILE).strip()
     except OSError as error:
         raise DeviceError(
             f"key {path} cannot be read ({error.strerror}); allowed is a file of 64 "
@@ -215,7 +216,8 @@ class Session:
         self.challenge = challenge
         self.seal = None if key is None else SessionSeal(key, challenge)
         self.window = CounterWindow()
-        self.is_open, self.is_due = False, True
+        self.is_open = False
+        self.is_due = True
         self.last_received_at = self.requested_at = now
         self.number = OPENING
         self.awaited: dict[int, int] = {}
@@ -239,7 +241,8 @@ class Session:
             self.awaited[self.number] = sent
             if len(self.awaited) > MAX_AWAITED:
                 del self.awaited[min(self.awaited)]
-        self.is_due, self.requested_at = False, sent
+        self.is_due = False
+        self.requested_at = sent
         request = Request(self.address, self.number, self.challenge)
         packet = encode_packet(request, VERSION_2)
         return packet if self.seal is None else self.seal.close(packet, self.number)

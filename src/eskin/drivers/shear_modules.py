@@ -54,7 +54,8 @@ class ShearModules(SampleDevice):
             uri: address of the server, `ws://HOST:PORT`.
             skin: skin whose patches the modules are.
         """
-        self.clock, self.uri = clock, uri
+        self.clock = clock
+        self.uri = uri
         self.patches = {patch.address: n for n, patch in enumerate(skin.patches)}
         self.taxels = [len(skin.find_taxels(patch.id)) for patch in skin.patches]
         self.socket: ClientConnection | None = None
@@ -133,7 +134,8 @@ class ShearModules(SampleDevice):
                 continue
             self.times[patch] = taken
             self.counts["samples"] += 1
-            counts, shear = values[:, 2].copy(), values[:, :2] - SHEAR_REST
+            counts = values[:, 2].copy()
+            shear = values[:, :2] - SHEAR_REST
             samples.append(PatchSample(patch, scan.stamp, counts, shear))
         return samples
 
@@ -183,7 +185,8 @@ class ShearModules(SampleDevice):
 
     def disconnect(self) -> None:
         """Close the connection."""
-        socket, self.socket = self.socket, None
+        socket = self.socket
+        self.socket = None
         if socket is not None:
             socket.close()
 

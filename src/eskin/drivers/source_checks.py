@@ -42,12 +42,16 @@ def observe_source(source: Source, seconds: float) -> Observation:
         source: an open source, from which nobody else reads.
         seconds: the time by the source's clock [s].
     """
-    skin, clock = source.info.skin, source.clock
-    counts, stamps = np.zeros(len(skin.patches)), np.full(len(skin.patches), -np.inf)
+    skin = source.info.skin
+    clock = source.clock
+    counts = np.zeros(len(skin.patches))
+    stamps = np.full(len(skin.patches), -np.inf)
     problems: dict[str, None] = {}
     kept: list[tuple[Scan, Scan]] = []
     before = source.counters().get("readings", 0)
-    start, last, number = clock.now(), -1, 0
+    start = clock.now()
+    last = -1
+    number = 0
     while clock.now() - start < seconds * NS_PER_S and not source.ended:
         begun = time.monotonic()
         scan = source.read(WAIT)

@@ -57,14 +57,16 @@ class ScanRateMeter:
         """Count a scan that began at a time [ns]; return a change of `slow`, if any."""
         start = self.start
         if start is None or not 0 <= stamp - start < 2 * self.window:
-            self.start, self.scans = stamp, 0
+            self.start = stamp
+            self.scans = 0
             return None
         self.scans += 1
         elapsed = stamp - start
         if elapsed < self.window:
             return None
         self.measured = self.scans * NS_PER_S / elapsed
-        self.start, self.scans = stamp, 0
+        self.start = stamp
+        self.scans = 0
         slow = self.measured < SLOW_RATE * self.nominal
         if slow == self.slow:
             return None
@@ -119,7 +121,8 @@ class PatchStream:
         self.rate_meter = ScanRateMeter()
         self.numbers.restart()
         self.complete.restart()
-        self.reboots, self.clock_matched = 0, False
+        self.reboots = 0
+        self.clock_matched = False
         self.skipped: int | None = None
         self.newest: int | None = None
         self.period: int | None = None
@@ -128,7 +131,8 @@ class PatchStream:
 
     def update_skipped(self, skipped: int) -> int:
         """Return the scans skipped since the last status, from those since power-up."""
-        previous, self.skipped = self.skipped, skipped
+        previous = self.skipped
+        self.skipped = skipped
         return 0 if previous is None else max(0, skipped - previous)
 
     def clock_matches(self) -> bool:
@@ -138,7 +142,8 @@ class PatchStream:
         that is still the module that sent the hello.
         """
         if self.reboots != self.clock.reboots:
-            self.reboots, self.clock_matched = self.clock.reboots, False
+            self.reboots = self.clock.reboots
+            self.clock_matched = False
         module = self.slot.module
         if not self.clock_matched and module is not None:
             self.clock_matched = self.clock.matches(module.device_time, module.hello_at)
@@ -328,12 +333,14 @@ class ScanTimeline:
             if grid.is_near(same, stamp) and grid.matches_rate(stream.rate_meter.rate):
                 k = same
         if stream.newest is None or stamp > stream.newest:
-            stream.newest, stream.period = stamp, k
+            stream.newest = stamp
+            stream.period = k
         return k
 
     def poll(self, now: int) -> list[tuple[int, PeriodScans]]:
         """Return stamps and scans of the periods that are complete or due."""
-        grid, ready = self.grid, []
+        grid = self.grid
+        ready = []
         if now - grid.deadline(self.next_period) > MAX_DELAY:
             self.skip_to(grid.find(now - MAX_DELAY - grid.grace))
         while now >= grid.start(k := self.next_period) and (
@@ -344,7 +351,8 @@ class ScanTimeline:
 
     def next_deadline(self) -> int:
         """Return by when the next period is emitted, if nothing more arrives [ns]."""
-        grid, k = self.grid, self.next_period
+        grid = self.grid
+        k = self.next_period
         deadline = grid.deadline(k)
         later = [scans.began for j, scans in self.pending.items() if j > k]
         if later:

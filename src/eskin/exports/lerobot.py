@@ -39,7 +39,8 @@ ROWS = 500
 """Number of frames that are held in memory."""
 MAX_GAP = 2.0
 """Age of a reading in frames up to which a frame holds it."""
-STATE, TACTILE = "observation.state", "observation.tactile"
+STATE = "observation.state"
+TACTILE = "observation.tactile"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 COUNTERS = ("frame_index", "episode_index", "index", "task_index")
@@ -100,7 +101,8 @@ class DatasetPlan:
 
     def __post_init__(self) -> None:
         """Describe the features."""
-        skin, robot = self.mounted.skin, self.mounted.robot
+        skin = self.mounted.skin
+        robot = self.mounted.robot
         parts = ("x", "y", "z", "qw", "qx", "qy", "qz")
         names = [f"{robot.link_names[n]}.{p}" for n in self.links for p in parts]
         self.add(f"{TACTILE}.pressure", "float32", skin.count, None)
@@ -148,7 +150,8 @@ def write_lerobot(
     plan = plan_dataset(recordings)
     total = {name: Stats() for name in plan.features}
     tasks: dict[str, int] = {}
-    rows, begin = [], 0
+    rows = []
+    begin = 0
     tracking = closing(track_progress(recordings, "recordings", len(recordings)))
     with write_folder(Path(folder), RecordingError) as work, tracking as tracked:
         episodes = (each for one in tracked for each in split_episodes(one, plan))
@@ -209,7 +212,8 @@ def plan_dataset(recordings: Sequence[Recording]) -> DatasetPlan:
         RecordingError: they are of different skins or rates, or one is empty or has
             an impossible rate.
     """
-    rates, names = [], {NONE: None}
+    rates = []
+    names = {NONE: None}
     for recording in recordings:
         if not any(start < end for start, end in recording.runs):
             raise RecordingError(
@@ -222,7 +226,8 @@ def plan_dataset(recordings: Sequence[Recording]) -> DatasetPlan:
         rates.append(NS_PER_S / recording.period)
         names |= dict.fromkeys(label.gesture for label in recording.labels)
         names |= dict.fromkeys(each.gesture for each in recording.detections)
-    first, rate = recordings[0], max(round(float(np.median(rates))), 1)
+    first = recordings[0]
+    rate = max(round(float(np.median(rates))), 1)
     for recording, own in zip(recordings, rates, strict=True):
         same = recording.skin.patches == first.skin.patches
         same = same and np.array_equal(recording.skin.positions, first.skin.positions)
@@ -289,9 +294,11 @@ def list_frames(
         labels: its labels.
         plan: what all episodes share.
     """
-    period, number = NS_PER_S / plan.fps, 0
+    period = NS_PER_S / plan.fps
+    number = 0
     rows: list[dict[str, Any]] = []
-    start, latest = 0, {}
+    start = 0
+    latest = {}
     detected = sorted((each.stamp, each.gesture) for each in recording.detections)
 
     def hold(until: int) -> Iterator[dict[str, np.ndarray]]:
@@ -343,7 +350,8 @@ def list_frames(
 
 def stack(rows: list[dict[str, Any]], plan: DatasetPlan) -> dict[str, np.ndarray]:
     """Return frames as arrays of (frame, size), but for what counts over episodes."""
-    names, count = [name for name in plan.features if name in rows[0]], len(rows)
+    names = [name for name in plan.features if name in rows[0]]
+    count = len(rows)
     return {n: np.array([row[n] for row in rows]).reshape(count, -1) for n in names}
 
 
@@ -352,7 +360,8 @@ def build_schema(arrow: Any, plan: DatasetPlan) -> Any:  # noqa: ANN401
     kinds = {"float32": arrow.float32(), "bool": arrow.bool_(), "int64": arrow.int64()}
     columns = []
     for name, each in plan.features.items():
-        kind, [size] = kinds[each["dtype"]], each["shape"]
+        kind = kinds[each["dtype"]]
+        [size] = each["shape"]
         columns.append((name, kind if size == 1 else arrow.list_(kind, size)))
     return arrow.schema(columns)
 

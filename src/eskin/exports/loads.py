@@ -51,7 +51,8 @@ class TouchLoad:
     @property
     def values(self) -> dict[str, tuple[float, float | None]]:
         """Each value and its limit; None without one."""
-        fast, slow = self.region.transient, self.region.quasi_static
+        fast = self.region.transient
+        slow = self.region.quasi_static
         return {
             "peak_force": (float(self.force.max()), fast.force),
             "peak_pressure": (float(self.pressure.max()), fast.pressure),
@@ -87,7 +88,8 @@ class RecordingLoads:
 
     def list_doubts(self) -> list[str]:
         """Return why forces and pressures may be other than they are here."""
-        skin, calibration = self.recording.skin, self.recording.calibration
+        skin = self.recording.skin
+        calibration = self.recording.calibration
         area = 1e6 * float(np.median(skin.areas))
         found = [
             f"A taxel reports the mean over its area (median {area:.0f} mm²): the "
@@ -118,7 +120,8 @@ class RecordingLoads:
 
 def measure_loads(recording: Recording, limits: Limits) -> RecordingLoads:
     """Measure all touches of a recording as the live pipeline finds them."""
-    skin, calibration = recording.skin, recording.calibration
+    skin = recording.skin
+    calibration = recording.calibration
     pipeline = TouchPipeline(MountedSkin(skin, recording.load_robot()), calibration)
     series: dict[int, Series] = defaultdict(lambda: defaultdict(list))
     merged: dict[int, int] = {}
@@ -127,7 +130,8 @@ def measure_loads(recording: Recording, limits: Limits) -> RecordingLoads:
     names = [region.name for region in regions]
     region_of = np.array(list(map(names.index, names)))[skin.patch_index]
     peaks: dict[int, np.ndarray] = {}
-    invalid, stamps = np.zeros(skin.count, np.int64), []
+    invalid = np.zeros(skin.count, np.int64)
+    stamps = []
     for scan in track_progress(recording.scans(), "readings", recording.count):
         state = pipeline.push(scan)
         stamps.append(scan.stamp)
@@ -143,7 +147,8 @@ def measure_loads(recording: Recording, limits: Limits) -> RecordingLoads:
                     for kept in (peaks, series):
                         kept.pop(row.id, None)
                 continue
-            taxels, pressure = row.taxels, state.reading.pressure[row.taxels]
+            taxels = row.taxels
+            pressure = state.reading.pressure[row.taxels]
             own = peaks.setdefault(row.id, np.zeros(skin.count))
             np.maximum.at(own, taxels, pressure)
             force = KPA * pressure * skin.areas[taxels]
@@ -163,7 +168,8 @@ def measure_loads(recording: Recording, limits: Limits) -> RecordingLoads:
     for id in sorted(merged):
         for region, rows in series.pop(id, {}).items():
             series[find_root(id, merged)][region] += rows
-    labels, loads = select_labels(recording.labels), []
+    labels = select_labels(recording.labels)
+    loads = []
     for touch in sorted(touches.values(), key=lambda each: each.onset):
         for region, rows in series.get(touch.id, {}).items():
             times, force, pressure, is_clipped = join_rows(rows)
@@ -203,7 +209,8 @@ def join_rows(rows: list[tuple[int, float, float, bool]]) -> tuple[Any, ...]:
         Stamps, ascending; force, greatest pressure and whether clipped at each.
     """
     times, order = np.unique([row[0] for row in rows], return_inverse=True)
-    force, pressure = np.zeros(len(times)), np.zeros(len(times))
+    force = np.zeros(len(times))
+    pressure = np.zeros(len(times))
     is_clipped = np.zeros(len(times), bool)
     np.add.at(force, order, [row[1] for row in rows])
     np.maximum.at(pressure, order, [row[2] for row in rows])

@@ -26,9 +26,14 @@ UNITS = {
     "held_pressure": ("held pressure", "kPa"),
 }
 """Words and units of the values of a load."""
-WIDTH, HEIGHT, LEFT, BOTTOM = 760, 150, 48, 22
+WIDTH = 760
+HEIGHT = 150
+LEFT = 48
+BOTTOM = 22
 """Size of a diagram, and of the space for its axes [pixels]."""
-CELL, GAP, ROW_WIDTH = 7, 24, 740
+CELL = 7
+GAP = 24
+ROW_WIDTH = 740
 """Size of a taxel, space between patches, and width of the map [pixels]."""
 STYLE = """body{font:14px/1.5 system-ui,sans-serif;color:#1f2733;max-width:820px;
 margin:2em auto;padding:0 1em}table{border-collapse:collapse;font-variant-numeric:
@@ -46,7 +51,8 @@ def write_report(found: RecordingLoads, path: Path) -> None:
 
 def format_report(found: RecordingLoads) -> str:
     """Return the report as HTML."""
-    recording, limits = found.recording, found.limits
+    recording = found.recording
+    limits = found.limits
     title = f"Contacts in {recording.path.name}"
     when = strftime("%Y-%m-%d %H:%M UTC", gmtime((recording.start or 0) / NS_PER_S))
     about = (
@@ -113,7 +119,8 @@ def format_touches(loads: tuple[TouchLoad, ...]) -> str:
     head += [f"{word} [{unit}]" for word, unit in UNITS.values()]
     rows = []
     for load in loads:
-        touch, mark = load.touch, "≥ " if load.is_clipped else ""
+        touch = load.touch
+        mark = "≥ " if load.is_clipped else ""
         rows.append(
             [
                 escape(load.region.name),
@@ -132,7 +139,8 @@ def format_diagrams(found: RecordingLoads, region: Region) -> str:
     loads = [load for load in found.loads if load.region.name == region.name]
     if not loads:
         return ""
-    fast, slow = region.transient, region.quasi_static
+    fast = region.transient
+    slow = region.quasi_static
     force = draw_series(
         [(load.seconds, load.force) for load in loads],
         found.seconds,
@@ -158,7 +166,8 @@ def draw_series(
     lines = {name: value for name, value in limits.items() if value is not None}
     top = max(float(values.max()) for _, values in series)
     top = 1.1 * max(top, *lines.values(), 1e-9)
-    across, up = (WIDTH - LEFT) / max(seconds, 1e-9), (HEIGHT - BOTTOM) / top
+    across = (WIDTH - LEFT) / max(seconds, 1e-9)
+    up = (HEIGHT - BOTTOM) / top
     parts = [
         f'<svg width="{WIDTH}" height="{HEIGHT}" role="img">',
         f'<path d="M{LEFT} 0V{HEIGHT - BOTTOM}H{WIDTH}" fill="none" stroke="#7b8594"/>',
@@ -186,15 +195,21 @@ def draw_series(
 
 def draw_map(found: RecordingLoads) -> str:
     """Draw the greatest pressure of each taxel, patch by patch, by row and column."""
-    skin, top = found.recording.skin, max(float(found.peaks.max(initial=0.0)), 1e-9)
-    parts, x, y, tallest = [], 0, GAP, 0
+    skin = found.recording.skin
+    top = max(float(found.peaks.max(initial=0.0)), 1e-9)
+    parts = []
+    x = 0
+    y = GAP
+    tallest = 0
     for number, patch in enumerate(skin.patches):
         taxels = np.flatnonzero(skin.patch_index == number)
         rows, columns = skin.rows[taxels], skin.columns[taxels]
         width = max(CELL * (int(columns.max(initial=0)) + 1), 7 * len(patch.id))
         height = CELL * (int(rows.max(initial=0)) + 1)
         if x and x + width > ROW_WIDTH:
-            x, y, tallest = 0, y + tallest + GAP, 0
+            x = 0
+            y = y + tallest + GAP
+            tallest = 0
         parts.append(f'<text x="{x}" y="{y - 4}">{escape(patch.id)}</text>')
         for taxel, row, column in zip(taxels, rows, columns, strict=True):
             share = float(found.peaks[taxel]) / top
@@ -202,7 +217,8 @@ def draw_map(found: RecordingLoads) -> str:
                 f'<rect x="{x + CELL * column}" y="{y + CELL * row}" '
                 f'width="{CELL - 1}" height="{CELL - 1}" fill="{mix_colour(share)}"/>'
             )
-        x, tallest = x + width + GAP, max(tallest, height)
+        x = x + width + GAP
+        tallest = max(tallest, height)
     size = f'width="{ROW_WIDTH + 20}" height="{y + tallest + 4}"'
     key = f"<p>Pale: untouched. Darkest: {top:.3g} kPa.</p>"
     return f'{key}<svg {size} role="img">{"".join(parts)}</svg>'
@@ -210,6 +226,7 @@ def draw_map(found: RecordingLoads) -> str:
 
 def mix_colour(share: float) -> str:
     """Return the colour of a share of the greatest pressure, from pale to dark red."""
-    pale, dark = np.array([230, 233, 238]), np.array([150, 20, 20])
+    pale = np.array([230, 233, 238])
+    dark = np.array([150, 20, 20])
     red, green, blue = np.rint(pale + share**0.5 * (dark - pale)).astype(int).tolist()
     return f"#{red:02x}{green:02x}{blue:02x}"

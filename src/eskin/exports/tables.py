@@ -17,7 +17,9 @@ from eskin.registry import Exporter, find_package
 from eskin.skin import MountedSkin
 from eskin.touch import Scan, Touch, TouchPipeline, TouchState
 
-READINGS, TOUCHES, TAXELS = "readings.parquet", "touches.parquet", "taxels.parquet"
+READINGS = "readings.parquet"
+TOUCHES = "touches.parquet"
+TAXELS = "taxels.parquet"
 UNITS = {
     "pressure": "kPa",
     "peak_pressure": "kPa",
@@ -154,7 +156,9 @@ def build_reading_schema(arrow: Any) -> Any:  # noqa: ANN401
 
 def build_touch_schema(arrow: Any) -> Any:  # noqa: ANN401
     """Build the schema of the touches."""
-    number, text, place = arrow.float64(), arrow.string(), arrow.list_(arrow.float64())
+    number = arrow.float64()
+    text = arrow.string()
+    place = arrow.list_(arrow.float64())
     stamp = arrow.timestamp("ns", "UTC")
     return build_schema(
         arrow,

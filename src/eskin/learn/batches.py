@@ -127,7 +127,8 @@ def drop_readings(
     loss = share * rng.random(windows.count)
     is_halved = rng.random(windows.count) < halved
     last = np.append(windows.window[1:] != windows.window[:-1], True)
-    ends, rows = np.flatnonzero(last), np.arange(len(last))
+    ends = np.flatnonzero(last)
+    rows = np.arange(len(last))
     rows_to_end = ends[np.searchsorted(ends, rows)] - rows
     kept = rng.random(len(last)) >= loss[windows.window]
     kept &= ~(is_halved[windows.window] & (rows_to_end % 2 == 1))
@@ -147,7 +148,8 @@ def measure_since_kept(
         graphs: graphs of their rows.
         stamps: stamp of every row of the data set [ns since the epoch].
     """
-    rows, window = windows.rows, windows.window
+    rows = windows.rows
+    window = windows.window
     changed = (window[1:] == window[:-1]) & (rows[1:] > rows[:-1] + 1)
     changed = np.append(False, changed)  # the first has none before it
     if not changed.any():
@@ -161,7 +163,8 @@ def measure_since_kept(
     wanted = key[nodes] - graphs.taxels.max(initial=0) - 1
     place = np.searchsorted(key, wanted)
     found = key[place] == wanted
-    before, shear_before = graphs.before.copy(), graphs.shear_before.copy()
+    before = graphs.before.copy()
+    shear_before = graphs.shear_before.copy()
     before[nodes] = graphs.pressure[place] * found
     shear_before[nodes] = graphs.shear[place] * found[:, None]
     return graphs._replace(seconds=seconds, before=before, shear_before=shear_before)
@@ -442,7 +445,8 @@ class BatchBuilder:
             readings: number of readings encoded in each of those.
             rng: source of the random draws.
         """
-        config, (ends, firsts, labels) = self.config, self.sampler.draw(count, rng)
+        config = self.config
+        (ends, firsts, labels) = self.sampler.draw(count, rng)
         windows = cut_windows(self.dataset, ends, firsts, self.slots)
         if config.lost > 0 or config.halved > 0:
             kept = drop_readings(windows, config.lost, config.halved, rng)

@@ -100,7 +100,8 @@ class EarlyStopping:
 
     def __init__(self, patience: int) -> None:
         """Start without weights."""
-        self.patience, self.waited = patience, 0
+        self.patience = patience
+        self.waited = 0
         self.loss = float("inf")
         self.weights: dict[str, Tensor] | None = None
 
@@ -112,7 +113,8 @@ class EarlyStopping:
     def update(self, network: nn.Module, loss: float) -> bool:
         """Compare the loss of an epoch with the best; tell whether to stop."""
         if loss < self.loss:
-            self.loss, self.waited = loss, 0
+            self.loss = loss
+            self.waited = 0
             self.weights = {k: v.clone() for k, v in network.state_dict().items()}
         else:
             self.waited += 1
@@ -159,7 +161,8 @@ class TrainingState:
             ModelError: if it is damaged, of another training, or of another number of
                 processes.
         """
-        first, count = self.processes.is_first, self.processes.count
+        first = self.processes.is_first
+        count = self.processes.count
         found = load_checkpoint(path, f"{facts} {count}") if first else None
         found = self.processes.broadcast(found)
         if found is None:

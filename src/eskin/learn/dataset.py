@@ -97,7 +97,8 @@ class Dataset:
 
     def with_copies(self, recordings: Collection[int]) -> frozenset[int]:
         """Return the indices of some recordings and of all their copies."""
-        indices, originals = range(len(self.recordings)), self.original_count
+        indices = range(len(self.recordings))
+        originals = self.original_count
         return frozenset(n for n in indices if n % originals in recordings)
 
     @property
@@ -160,7 +161,8 @@ def prepare(
         raise RecordingError("no recording given; give .mcap files or folders of them")
     recordings = tuple(read_recording(path, overrides) for path in paths)
     check_labels(recordings)
-    pipeline, graph = pipeline or PipelineConfig(), graph or GraphConfig()
+    pipeline = pipeline or PipelineConfig()
+    graph = graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
         graph = graph.without_shear()
     total = len(recordings) * len(transforms)
@@ -239,7 +241,8 @@ def concatenate_recordings(
         segments += added
         names = [NONE] * len(part.stamps)
         for segment in added:
-            first, end = segment.first - offset, segment.end - offset
+            first = segment.first - offset
+            end = segment.end - offset
             names[first:end] = [segment.gesture] * (end - first)
         gestures += names
         sequences.append(part.sequence + sequence_count)
@@ -302,7 +305,8 @@ class MappedField:
 
     def __init__(self, folder: Path, files: ExitStack) -> None:
         """Create a field without rows, whose file is closed with `files`."""
-        self.folder, self.files = folder, files
+        self.folder = folder
+        self.files = files
         self.file: IO[bytes] | None = None
         self.count = 0
         self.like = np.zeros(0, np.float32)
@@ -375,14 +379,16 @@ def hold_out(
     """
     order = rng.permutation(sorted(sessions)).tolist()
     wanted = round(share * len(order))
-    train, held = frozenset(order), frozenset[int]()
+    train = frozenset(order)
+    held = frozenset[int]()
     for group in group_sessions(sessions, order):
         fits = len(held) + len(group) <= wanted
         if wanted and not held:
             fits = fits or 2 * len(group) <= len(order)
         rest = train - group
         if fits and find_classes(rest, gestures) == find_classes(train, gestures):
-            train, held = rest, held | group
+            train = rest
+            held = held | group
     return Holdout(train, held, wanted)
 
 

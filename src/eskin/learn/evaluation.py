@@ -237,7 +237,8 @@ def find_last_rows(
     firsts, ends = runs.T
     total = np.concatenate([[0.0], np.cumsum(force * graphs.seconds, dtype=np.float64)])
     impulse = total[ends] - total[firsts]
-    recording, start = dataset.recording[firsts], dataset.stamps[firsts]
+    recording = dataset.recording[firsts]
+    start = dataset.stamps[firsts]
     for number, clip in clips:
         inside = (start >= clip.start) & (start < clip.end)
         here = np.flatnonzero(inside & (recording == number))
@@ -290,7 +291,8 @@ def score_dataset(
     """
     check_fits(card, dataset)
     if any(dataset.clips):
-        found, instants = classify_clips(network, card, dataset), None
+        found = classify_clips(network, card, dataset)
+        instants = None
     else:
         found = classify_labelled(network, card, dataset)
         instants = evaluate_instants(network, card, dataset)
@@ -351,7 +353,8 @@ def classify_labelled(
     network: RecogniserNetwork | LiveAnswers, card: ModelCard, dataset: Dataset
 ) -> Predictions:
     """Return the predictions for labelled gestures; `none` for undetected ones."""
-    vocabulary, segments = card.vocabulary, dataset.labelled
+    vocabulary = card.vocabulary
+    segments = dataset.labelled
     examples = [*segments, *dataset.missed]
     scores = score_segments(network, dataset, segments, card.temperature)
     if not any(segment.gesture == NONE for segment in segments):

@@ -57,7 +57,8 @@ def read_clip_index(index: Path) -> dict[str, tuple[Clip, ...]]:
         try:
             facts = json.loads(line)
             if facts["gesture"]:
-                start, seconds = int(facts["start"]), float(facts["plan"]["seconds"])
+                start = int(facts["start"])
+                seconds = float(facts["plan"]["seconds"])
                 end = start + round(seconds * NS_PER_S)
                 clip = Clip(start, end, str(facts["gesture"]), str(facts["kind"]))
                 found.setdefault(str(facts["file"]), []).append(clip)

@@ -22,7 +22,8 @@ from eskin.learn.nn import RecogniserNetwork
 from eskin.learn.nn.network import scatter_to_slots
 from eskin.progress import track_progress
 
-WINDOWS, BATCH = 2048, 64
+WINDOWS = 2048
+BATCH = 64
 """Windows that the open layer is fitted on at most, and those computed at once."""
 MOST_TOUCHES = 4096
 """Touches that the closing layer is fitted on at most, drawn at random."""
@@ -136,7 +137,8 @@ def draw_statistics(
 
     As in training, the summary is of all readings of a window, the graphs of some.
     """
-    statistics, labels = [], []
+    statistics = []
+    labels = []
     starts = range(0, count, BATCH)
     for start in track_progress(starts, "fitting the last layer, part", len(starts)):
         size = min(BATCH, count - start)

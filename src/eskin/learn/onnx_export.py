@@ -137,7 +137,8 @@ def export_onnx(model: Model, path: Path | str, seed: int = 0) -> float:
     step = StepNetwork(to_network(model), model.card.temperature).eval()
     rng = np.random.default_rng(seed)
     example = draw_step(rng, step.network, 40)
-    count, edges = torch.export.Dim("node"), torch.export.Dim("target")
+    count = torch.export.Dim("node")
+    edges = torch.export.Dim("target")
     neighbours = torch.export.Dim("neighbour")
     shapes = {name: {0: count} for name in ("scalars", "positions", "normals", "shear")}
     shapes |= {"forces": {0: count}, "areas": {0: count}, "targets": {0: edges}}
@@ -207,7 +208,8 @@ def draw_step(
     """
     active = (nodes + 1) // 2
     scalars = len(NODE_SCALARS)
-    features, slots = len(network.summary_mean), network.config.slots
+    features = len(network.summary_mean)
+    slots = network.config.slots
     size = features + 2 * network.config.width
 
     def real(*shape: int) -> Tensor:

@@ -41,7 +41,8 @@ def draw_reliability(found: Reliability, path: Path, title: str) -> None:
     figure = Figure(figsize=(4.2, 4.8), dpi=120, layout="constrained")
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 1))
     edges = np.linspace(0, 1, len(found.count) + 1)
-    width, some = edges[1], found.count > 0
+    width = edges[1]
+    some = found.count > 0
     upper.bar(
         edges[:-1][some],
         found.accuracy[some],

@@ -212,7 +212,8 @@ def load_prepared(path: Path) -> PreparedRecording:
     """Load a prepared recording from its file."""
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
-    stamps, sequence = arrays.pop("stamps"), arrays.pop("sequence")
+    stamps = arrays.pop("stamps")
+    sequence = arrays.pop("sequence")
     touches = json.loads(arrays.pop("fits").tobytes())
     if touches is not None:
         touches = tuple(each and TouchLabel(*each) for each in touches)

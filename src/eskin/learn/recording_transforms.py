@@ -143,7 +143,9 @@ def draw_aged_skin(
     skin: Skin, config: AgingConfig, rng: np.random.Generator
 ) -> AgedSkin:
     """Draw an aged skin of the same layout."""
-    patch, patches, draw = skin.patch_index, len(skin.patches), rng.standard_normal
+    patch = skin.patch_index
+    patches = len(skin.patches)
+    draw = rng.standard_normal
     log_gain = (config.patch_gain * draw(patches))[patch]
     log_gain += config.taxel_gain * draw(skin.count)
     unfelt = (config.unfelt * rng.random(patches))[patch]

@@ -69,7 +69,9 @@ class Trainer:
                 the scale of its inputs; the last layers only with the same vocabulary.
             processes: processes that train together, each by `config.workers` threads.
         """
-        self.config, self.vocabulary, self.seed = config, vocabulary, seed
+        self.config = config
+        self.vocabulary = vocabulary
+        self.seed = seed
         self.processes = processes
         torch.manual_seed(seed)
         rngs = build_generators(seed, config.workers * processes.count)
@@ -98,13 +100,15 @@ class Trainer:
         self.network = RecogniserNetwork(config.network, len(vocabulary), self.shear)
         taken = start and copy_matching_weights(self.network, start, vocabulary)
         self.keeps_scale = "summary_mean" in (taken or ())
-        self.epochs, self.stopped = 0, False
+        self.epochs = 0
+        self.stopped = False
 
     def build_batches(
         self, dataset: Dataset, recordings: frozenset[int], augment: AugmentConfig
     ) -> BatchBuilder:
         """Return a batch builder for some of the recordings."""
-        slots, crop = self.config.network.slots, self.config.augment.crop
+        slots = self.config.network.slots
+        crop = self.config.augment.crop
         sampler = build_sampler(
             dataset, self.vocabulary, recordings, slots, crop, self.config.shares
         )
@@ -121,7 +125,9 @@ class Trainer:
                 removes it.
             facts: description of data and settings, stored in that file.
         """
-        config, network, processes = self.config, self.network, self.processes
+        config = self.config
+        network = self.network
+        processes = self.processes
         torch.set_num_threads(1)
         if processes.is_first:
             first = self.batches.build(4 * config.batch, 1, 1, self.rngs[0])
@@ -237,7 +243,8 @@ class Trainer:
 
     def compute_gradients(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
         """Return the gradients of one worker's part of a batch."""
-        config, workers = self.config, self.config.workers * self.processes.count
+        config = self.config
+        workers = self.config.workers * self.processes.count
         batch = self.batches.build(
             -(-config.batch // workers),
             -(-config.encoded // workers),
@@ -315,7 +322,8 @@ class Trainer:
         if not any(self.held_out.dataset.clips):
             return self.predict_validation_windows()
         self.network.eval()
-        dataset, held = self.held_out.dataset, self.held_recordings
+        dataset = self.held_out.dataset
+        held = self.held_recordings
         found = predict_clips(self.network, dataset, self.vocabulary, recordings=held)
         logits = np.maximum(found.log_probabilities, MIN_LOG_PROBABILITY)
         return torch.as_tensor(logits), torch.as_tensor(found.truth)
@@ -361,7 +369,8 @@ def copy_matching_weights(
     Returns:
         The names of the weights that were copied.
     """
-    own, same = network.state_dict(), model.card.vocabulary == vocabulary
+    own = network.state_dict()
+    same = model.card.vocabulary == vocabulary
     fitting = {
         name: torch.as_tensor(weight)
         for name, weight in model.weights.items()

@@ -167,7 +167,8 @@ class DecisionFilter:
         threshold = (self.lifted if is_lifted else self.thresholds)[leader]
         certain = probabilities[leader] >= threshold
         if leader != evidence.leader or not certain:
-            evidence.leader, evidence.since = leader if certain else -1, stamp
+            evidence.leader = leader if certain else -1
+            evidence.since = stamp
         dwelt = evidence.leader >= 0 and stamp - evidence.since >= self.dwell
         is_brief = touch.last - evidence.onset < self.brief
         if evidence.gesture is not None or not dwelt or is_brief:
@@ -195,7 +196,8 @@ class DecisionFilter:
     ) -> Decision:
         """Return the decision about a touch at closing."""
         leader = find_likeliest(probabilities)
-        confidence, gesture = probabilities[leader], self.vocabulary[leader]
+        confidence = probabilities[leader]
+        gesture = self.vocabulary[leader]
         is_deliberate = gesture == NONE or self.is_deliberate(probabilities)
         if confidence >= self.config.least and is_deliberate:
             return Decision(touch.id, gesture, confidence, onset)
@@ -215,7 +217,9 @@ def reset_evidence(evidence: TouchEvidence, touch: AnyTouch, stamp: int) -> None
     A touch without contact that was not reported still waits for its closing.
     """
     if evidence.gesture is not None or touch.last == stamp:
-        evidence.onset, evidence.gesture, evidence.latest = stamp, None, None
+        evidence.onset = stamp
+        evidence.gesture = None
+        evidence.latest = None
 
 
 def find_likeliest(probabilities: list[float]) -> int:
@@ -342,11 +346,13 @@ class DirectionTracker:
         `n_world` is the outward normal of the skin at its latest contact.
         """
         state, T_world_link = self.contacts[touch]
-        row, robot = find_row(state, touch), state.mounted.robot
+        row = find_row(state, touch)
+        robot = state.mounted.robot
         axis = robot.find_axis(robot.link_names[row.link])
         n_link = T_world_link[row.link, :3, :3].T @ n_world
         travel = self.compute_travel(row)
-        along, across = float(travel @ axis), float(travel @ np.cross(axis, n_link))
+        along = float(travel @ axis)
+        across = float(travel @ np.cross(axis, n_link))
         if max(abs(along), abs(across)) < MIN_HEADING:
             return ""
         if abs(along) >= abs(across):

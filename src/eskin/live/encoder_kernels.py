@@ -27,7 +27,8 @@ EPSILON = np.float32(1e-5)
 # exp2 by a polynomial on [-0.5, 0.5], to a relative error of 2e-7.
 LOG2_E = np.float32(1.4426950408889634)
 MAX_EXPONENT = np.float32(80.0)  # where exp is still a float32 on both sides
-ZERO, ONE = np.float32(0.0), np.float32(1.0)
+ZERO = np.float32(0.0)
+ONE = np.float32(1.0)
 E0 = np.float32(1.000000075)
 E1 = np.float32(0.693147188)
 E2 = np.float32(0.2402210749)
@@ -215,7 +216,8 @@ def find_targets(graph: GraphBatch, workspace: EncoderWorkspace) -> int:
 @compiled_fastmath
 def find_edges(graph: GraphBatch, targets: int, workspace: EncoderWorkspace) -> int:
     """List the sources of each target, and return the number of edges."""
-    sources, edge_weights = workspace.sources, workspace.edge_weights
+    sources = workspace.sources
+    edge_weights = workspace.edge_weights
     edges = 0
     for i in range(targets):
         node = workspace.nodes[i]
@@ -260,7 +262,8 @@ def embed_nodes(
     """Write the first features of every row, and return the number of rows."""
     for i in range(targets):
         write_node_features(graph, workspace.nodes[i], i, workspace)
-    rows, rest = targets, NO_NODE
+    rows = targets
+    rest = NO_NODE
     for e in range(edges):
         node = workspace.sources[e]
         if workspace.row[node] == NO_NODE:
@@ -283,7 +286,8 @@ def write_node_features(
 ) -> bool:
     """Write the scalars of a node to a row, and return whether all are zero."""
     scalars = workspace.scalars
-    p, before = graph.pressure[node], graph.before[node]
+    p = graph.pressure[node]
+    before = graph.before[node]
     s = squared_norm(workspace.shear[node])
     if p == 0.0 and before == 0.0 and s == 0.0 and graph.age[node] == 0.0:
         for k in range(scalars.shape[1]):
@@ -310,7 +314,8 @@ def run_layer(
 ) -> None:
     """Run one `eskin.learn.nn.EquivariantLayer`."""
     u = workspace.u[:rows]
-    of_target, messages = workspace.of_target[:targets], workspace.messages[:targets]
+    of_target = workspace.of_target[:targets]
+    messages = workspace.messages[:targets]
     width = u.shape[1]
     layer_norm(
         workspace.v[:rows], weights.norm_weight[layer], weights.norm_bias[layer], u
@@ -350,7 +355,8 @@ def aggregate(
     """Aggregate the messages to every target, in blocks of about `BLOCK` edges."""
     begin = 0
     while begin < targets:
-        end, first = begin + 1, workspace.first_edge[begin]
+        end = begin + 1
+        first = workspace.first_edge[begin]
         while end < targets and workspace.first_edge[end + 1] - first <= BLOCK:
             end += 1
         aggregate_block(layer, graph, shear, begin, end, weights, workspace)
@@ -372,8 +378,10 @@ def aggregate_block(
     edges = first_edge[-1] - first_edge[0]
     sources = workspace.source_rows[first_edge[0] : first_edge[-1]]
     shares = workspace.edge_weights[first_edge[0] : first_edge[-1]]
-    hidden, messages = workspace.hidden[:edges], workspace.edge_messages[:edges]
-    of_target, out = workspace.of_target[begin:end], workspace.messages[begin:end]
+    hidden = workspace.hidden[:edges]
+    messages = workspace.edge_messages[:edges]
+    of_target = workspace.of_target[begin:end]
+    out = workspace.messages[begin:end]
     write_edge_features(graph, shear, begin, end, workspace)
     np.dot(workspace.edge_features[:edges], weights.of_edge_weight[layer], hidden)
     add_node_terms(first_edge, sources, of_target, workspace.of_source, hidden)
@@ -438,14 +446,23 @@ def write_edge_features(
     graph: GraphBatch, shear: bool, begin: int, end: int, workspace: EncoderWorkspace
 ) -> None:
     """Write |r|^2, n_i.n_j, n_i.r, n_j.r, s_i.r, s_j.r of edges, r = x_i - x_j."""
-    x, n, s, r = workspace.x, graph.normals, workspace.shear, workspace.r
-    edge, first = workspace.edge_features, workspace.first_edge[begin]
+    x = workspace.x
+    n = graph.normals
+    s = workspace.shear
+    r = workspace.r
+    edge = workspace.edge_features
+    first = workspace.first_edge[begin]
     for target in range(begin, end):
         i = workspace.nodes[target]
         for e in range(workspace.first_edge[target], workspace.first_edge[target + 1]):
-            j, k = workspace.sources[e], e - first
-            r0, r1, r2 = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
-            r[k, 0], r[k, 1], r[k, 2] = r0, r1, r2
+            j = workspace.sources[e]
+            k = e - first
+            r0 = x[i, 0] - x[j, 0]
+            r1 = x[i, 1] - x[j, 1]
+            r2 = x[i, 2] - x[j, 2]
+            r[k, 0] = r0
+            r[k, 1] = r1
+            r[k, 2] = r2
             edge[k, 0] = r0 * r0 + r1 * r1 + r2 * r2
             edge[k, 1] = n[i, 0] * n[j, 0] + n[i, 1] * n[j, 1] + n[i, 2] * n[j, 2]
             edge[k, 2] = n[i, 0] * r0 + n[i, 1] * r1 + n[i, 2] * r2
@@ -454,7 +471,8 @@ def write_edge_features(
                 edge[k, 4] = s[i, 0] * r0 + s[i, 1] * r1 + s[i, 2] * r2
                 edge[k, 5] = s[j, 0] * r0 + s[j, 1] * r1 + s[j, 2] * r2
             else:
-                edge[k, 4], edge[k, 5] = ZERO, ZERO
+                edge[k, 4] = ZERO
+                edge[k, 5] = ZERO
 
 
 @compiled_fastmath
@@ -466,11 +484,14 @@ def pool_nodes(
     out: Channels,
 ) -> None:
     """Write the normalised maximum and force-weighted mean over the active nodes."""
-    v, pooled = workspace.v, workspace.pooled
+    v = workspace.v
+    pooled = workspace.pooled
     width = v.shape[1]
-    largest, mean = pooled[0, :width], pooled[0, width:]
+    largest = pooled[0, :width]
+    mean = pooled[0, width:]
     for c in range(width):
-        largest[c], mean[c] = v[0, c], ZERO
+        largest[c] = v[0, c]
+        mean[c] = ZERO
     force = ZERO
     for i in range(targets):
         node = workspace.nodes[i]

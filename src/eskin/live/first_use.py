@@ -39,8 +39,10 @@ def compile_network() -> None:
     """Compile the step of the network, whose types are the same for every model."""
     mounted = mount_skin("ur5")
     stream = LogitStream(load_model("ur5"), GraphBuilder(mounted))
-    count, joints = mounted.skin.count, len(mounted.robot.joint_names)
-    pressure, valid = np.zeros(count, np.float32), np.ones(count, bool)
+    count = mounted.skin.count
+    joints = len(mounted.robot.joint_names)
+    pressure = np.zeros(count, np.float32)
+    valid = np.ones(count, bool)
     nodes = TouchNodes(NO_TAXELS, NO_TAXELS, NO_HISTORY)
     stream.push(Reading(0, pressure, valid, np.zeros(joints)), {1: nodes})
 

@@ -122,7 +122,8 @@ class GraphBuilder:
             shear=np.zeros((taxels, 2)),
             shear_before=np.zeros((taxels, 2)),
         )
-        no_pressure, no_poses = np.zeros(0, np.float32), np.empty((0, 4, 4))
+        no_pressure = np.zeros(0, np.float32)
+        no_poses = np.empty((0, 4, 4))
         self.step = KernelStep(
             0, LONG_AGO, MAX_STEP, False, no_pressure, NO_SHEAR, no_poses
         )
@@ -153,7 +154,8 @@ class GraphBuilder:
         """
         if reading.stamp - self.step.stamp >= MAX_REPEAT:
             return True
-        history, is_touched = self.taxel_history, False
+        history = self.taxel_history
+        is_touched = False
         for active, earlier, _ in nodes.values():
             if (
                 len(active) != len(earlier)
@@ -286,7 +288,8 @@ class GraphStream:
 
         None stands for a reading without graphs, of which the builder must not be told.
         """
-        reading, touches = state.reading, state.tracking.open
+        reading = state.reading
+        touches = state.tracking.open
         keys = {one.id for one in touches} if self.calibrated else {WHOLE_SKIN}
         go_on = keys == self.last.keys()
         if go_on and reading.stamp < self.due:
@@ -294,7 +297,8 @@ class GraphStream:
         nodes = self.collect_nodes(state, go_on)
         if go_on and not self.builder.is_new(reading, nodes):
             return None
-        earliest, latest = reading.stamp - MAX_AHEAD, reading.stamp
+        earliest = reading.stamp - MAX_AHEAD
+        latest = reading.stamp
         self.due = min(max(self.due, earliest), latest) + SPACING
         self.last = nodes
         return nodes
@@ -322,7 +326,8 @@ class GraphStream:
 
     def find_active_taxels(self, state: TouchState) -> Int[np.ndarray, "active"]:
         """Return all taxels in contact or under shear, whatever their touch."""
-        parts, reading = [contact.taxels for contact in state.contacts], state.reading
+        parts = [contact.taxels for contact in state.contacts]
+        reading = state.reading
         if reading.shear is not None:
             size = np.linalg.norm(reading.shear, axis=1)
             sheared = size >= self.builder.config.shear_on
@@ -405,7 +410,8 @@ def find_nearest_in_patch(
     """
     one, other, squared = find_nearest(np.rint(positions * MICROMETRES), k)
     order = np.lexsort((rank[taxels[other]], squared, one))
-    one, other = one[order], other[order]
+    one = one[order]
+    other = other[order]
     place = np.arange(len(one)) - np.searchsorted(one, one)
     nearest = np.full((len(taxels), k), NO_NODE, dtype=np.int64)
     kept = place < k

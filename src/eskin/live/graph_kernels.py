@@ -23,7 +23,8 @@ TOP_SIX = np.uint64(58)  # bits to shift by
 BIT_POSITION = np.zeros(WORD, np.int64)
 for place in range(WORD):
     BIT_POSITION[((int(DE_BRUIJN) << place) & (2**WORD - 1)) >> 58] = place
-ONE, NO_BITS = np.uint64(1), np.uint64(0)
+ONE = np.uint64(1)
+NO_BITS = np.uint64(0)
 MICROMETRES = 1e6
 NO_NODE = -1
 S_PER_NS = 1e-9
@@ -137,7 +138,8 @@ def build_graph(
     the columns `eskin.live.HISTORY`, `history` includes this reading, and `workspace`
     has room for the taxels and all their fixed neighbours.
     """
-    graph, fixed = workspace.graph, geometry.fixed_neighbours.shape[1]
+    graph = workspace.graph
+    fixed = geometry.fixed_neighbours.shape[1]
     nodes = find_support(taxels, earlier, geometry, workspace)
     write_geometry(nodes, step, geometry, workspace)
     write_loads(nodes, taxels, earlier, step, geometry, history, workspace)
@@ -150,7 +152,8 @@ def build_graph(
         workspace.search,
         graph.neighbours[:nodes, fixed:],
     )
-    graph.offsets[0], graph.offsets[1] = 0, nodes
+    graph.offsets[0] = 0
+    graph.offsets[1] = nodes
     graph.seconds[0] = step.seconds
     for column in range(len(touch_history)):
         graph.history[0, column] = touch_history[column]
@@ -166,8 +169,10 @@ def find_support(
     Write the taxel of each node and the node of each of those taxels; return the number
     of nodes. Nodes are in the order of their taxels.
     """
-    table, marks = geometry.fixed_neighbours, workspace.marks
-    node_taxel, taxel_node = workspace.graph.taxels, workspace.taxel_node
+    table = geometry.fixed_neighbours
+    marks = workspace.marks
+    node_taxel = workspace.graph.taxels
+    taxel_node = workspace.taxel_node
     first, last = len(marks), -1
     for active in (taxels, earlier):
         for taxel in active:
@@ -200,8 +205,10 @@ def write_fixed_neighbours(
     nodes: int, geometry: SkinGeometry, workspace: GraphWorkspace
 ) -> None:
     """Write the fixed neighbours that are in the graph, as nodes, or -1."""
-    table, taxel_node = geometry.fixed_neighbours, workspace.taxel_node
-    node_taxel, out = workspace.graph.taxels, workspace.graph.neighbours
+    table = geometry.fixed_neighbours
+    taxel_node = workspace.taxel_node
+    node_taxel = workspace.graph.taxels
+    out = workspace.graph.neighbours
     for n in range(nodes):
         for k in range(table.shape[1]):
             neighbour = table[node_taxel[n], k]
@@ -218,11 +225,19 @@ def write_geometry(
 ) -> None:
     """Write position, normal, area, patch and rank of the nodes."""
     # Local references to the arrays make the compiled loops faster.
-    graph, T_world_link = workspace.graph, step.T_world_link
-    p_world, node_taxel = workspace.p_world, graph.taxels
-    positions, normals, areas = graph.positions, graph.normals, graph.areas
-    p_link, n_link, taxel_areas = geometry.positions, geometry.normals, geometry.areas
-    sums, patch, rank = workspace.position_sum, workspace.patch, workspace.rank
+    graph = workspace.graph
+    T_world_link = step.T_world_link
+    p_world = workspace.p_world
+    node_taxel = graph.taxels
+    positions = graph.positions
+    normals = graph.normals
+    areas = graph.areas
+    p_link = geometry.positions
+    n_link = geometry.normals
+    taxel_areas = geometry.areas
+    sums = workspace.position_sum
+    patch = workspace.patch
+    rank = workspace.rank
     sums[0] = sums[1] = sums[2] = 0.0
     for n in range(nodes):
         taxel = node_taxel[n]
@@ -233,7 +248,8 @@ def write_geometry(
             )
             normals[n, d] = rotate_axis(d, link, T_world_link, taxel, n_link)
             sums[d] += p_world[n, d]
-        areas[n], patch[n] = taxel_areas[taxel], geometry.patch[taxel]
+        areas[n] = taxel_areas[taxel]
+        patch[n] = geometry.patch[taxel]
         rank[n] = geometry.rank[taxel]
     for n in range(nodes):
         for d in range(3):
@@ -254,9 +270,13 @@ def write_loads(
 
     Loads of taxels that belong to other touches are zero.
     """
-    graph, node = workspace.graph, workspace.taxel_node
-    pressure, before, age = graph.pressure, graph.before, graph.age
-    shear, shear_before = graph.shear, graph.shear_before
+    graph = workspace.graph
+    node = workspace.taxel_node
+    pressure = graph.pressure
+    before = graph.before
+    age = graph.age
+    shear = graph.shear
+    shear_before = graph.shear_before
     for n in range(nodes):
         pressure[n] = before[n] = age[n] = ZERO
         for d in range(3):
@@ -290,7 +310,8 @@ def write_shear(
     """Write a taxel's shear in the world [kPa] to row `n`, unless it is zero."""
     if shear[taxel, 0] == 0.0 and shear[taxel, 1] == 0.0:
         return
-    link, tangents = geometry.links[taxel], geometry.tangents
+    link = geometry.links[taxel]
+    tangents = geometry.tangents
     for d in range(3):
         x = rotate_axis(d, link, step.T_world_link, taxel, tangents[0])
         y = rotate_axis(d, link, step.T_world_link, taxel, tangents[1])
@@ -329,7 +350,8 @@ def write_live_neighbours(
     max_length = np.rint(reach * MICROMETRES)
     search_radius = (max_length + 1.0) / MICROMETRES
     count = find_candidates(p_world, patch, search_radius, workspace)
-    candidates, lengths = workspace.candidates, workspace.lengths
+    candidates = workspace.candidates
+    lengths = workspace.lengths
     last = out.shape[1] - 1
     if last < 0:
         return
@@ -363,7 +385,9 @@ def find_candidates(
     Only these, few of all nodes, are compared with each other.
     """
     box_count = write_boxes(p_world, patch, workspace)
-    count, boxes, patches = 0, workspace.boxes, workspace.patches
+    count = 0
+    boxes = workspace.boxes
+    patches = workspace.patches
     if box_count < 2:
         return count
     for n in range(len(patch)):
@@ -384,8 +408,10 @@ def find_candidates(
 @compiled
 def write_boxes(p_world: Points, patch: Nodes, workspace: NeighbourWorkspace) -> int:
     """Write the box around the nodes of each patch; return the number of boxes."""
-    boxes, patches = workspace.boxes, workspace.patches
-    count, b = 0, 0
+    boxes = workspace.boxes
+    patches = workspace.patches
+    count = 0
+    b = 0
     for n in range(len(patch)):
         if count == 0 or patches[b] != patch[n]:  # not in the box of the previous node
             b = 0
@@ -394,7 +420,8 @@ def write_boxes(p_world: Points, patch: Nodes, workspace: NeighbourWorkspace) ->
         if b == count:
             patches[b] = patch[n]
             for d in range(3):
-                boxes[b, 0, d], boxes[b, 1, d] = p_world[n, d], p_world[n, d]
+                boxes[b, 0, d] = p_world[n, d]
+                boxes[b, 1, d] = p_world[n, d]
             count += 1
         for d in range(3):
             boxes[b, 0, d] = min(boxes[b, 0, d], p_world[n, d])
@@ -417,9 +444,11 @@ def insert_neighbour(
     while k > 0 and is_nearer(node, length, out[target, k - 1], lengths[k - 1], rank):
         k -= 1
     for other in range(last, k, -1):
-        out[target, other], lengths[other] = out[target, other - 1], lengths[other - 1]
+        out[target, other] = out[target, other - 1]
+        lengths[other] = lengths[other - 1]
     if k <= last:
-        out[target, k], lengths[k] = node, length
+        out[target, k] = node
+        lengths[k] = length
 
 
 @compiled

@@ -71,8 +71,14 @@ def add_vecmat(
     inputs, outputs = weight.shape
     fours = inputs - inputs % 4
     for c in range(0, fours, 4):
-        x0, x1, x2, x3 = x[c], x[c + 1], x[c + 2], x[c + 3]
-        w0, w1, w2, w3 = weight[c], weight[c + 1], weight[c + 2], weight[c + 3]
+        x0 = x[c]
+        x1 = x[c + 1]
+        x2 = x[c + 2]
+        x3 = x[c + 3]
+        w0 = weight[c]
+        w1 = weight[c + 1]
+        w2 = weight[c + 2]
+        w3 = weight[c + 3]
         for o in range(outputs):
             out[o] += x0 * w0[o] + x1 * w1[o] + x2 * w2[o] + x3 * w3[o]
     for c in range(fours, inputs):
@@ -101,7 +107,9 @@ def classify(
 
     `now` is the slot of the reading: that of the previous one, or later.
     """
-    seen, slots, before = state.seen, state.seen.shape[1], state.slot[0]
+    seen = state.seen
+    slots = state.seen.shape[1]
+    before = state.slot[0]
     state.slot[0] = now
     if now - before >= slots:
         for index in range(slots):
@@ -155,9 +163,13 @@ def convolve_scale(
 
     Its output belongs to the next scale; `spacing` is the number of slots between taps.
     """
-    seen, x, out = state.seen[scale], state.values[scale], state.values[scale + 1]
-    slots, here = len(seen), slot % len(seen)
-    branches, width = weight.shape[0], weight.shape[2]
+    seen = state.seen[scale]
+    x = state.values[scale]
+    out = state.values[scale + 1]
+    slots = len(seen)
+    here = slot % len(seen)
+    branches = weight.shape[0]
+    width = weight.shape[2]
     count = 0
     for k in range(taps):
         count += seen[(slot - (taps - 1 - k) * spacing) % slots]
@@ -187,12 +199,14 @@ def activate_scaled(x: Channels, scale: float, bias: Channels) -> None:
 @compiled_fastmath
 def update_statistics(now: int, state: HeadState) -> None:
     """Update the statistics of the window that ends now, at all three scales."""
-    slots, indices = state.seen.shape[1], state.indices
+    slots = state.seen.shape[1]
+    indices = state.indices
     shorts = (slots - SHORT_TAPS) // SHORT_STRIDE + 1
     outputs = (slots, shorts, (shorts - LONG_TAPS) // LONG_STRIDE + 1)
     share = np.float32(count_covered(now, state.seen[0]) / slots)
     for scale in range(SCALES):
-        seen, spacing = state.seen[scale], SPACINGS[scale]
+        seen = state.seen[scale]
+        spacing = SPACINGS[scale]
         count = find_outputs(now, spacing, outputs[scale], seen, indices)
         first = scale * STATISTICS
         out = state.statistics[first : first + STATISTICS]
@@ -235,10 +249,16 @@ def compute_statistics(
     Sums are of differences from the first output, which keeps them small. `share` is
     that of the window since its first reading.
     """
-    count, first = len(indices), x[indices[0]]
-    mean, spread, largest, integral = out[0], out[1], out[2], out[3]
+    count = len(indices)
+    first = x[indices[0]]
+    mean = out[0]
+    spread = out[1]
+    largest = out[2]
+    integral = out[3]
     for c in range(len(first)):
-        mean[c], spread[c], largest[c] = ZERO, ZERO, first[c]
+        mean[c] = ZERO
+        spread[c] = ZERO
+        largest[c] = first[c]
     fours = count - count % 4
     for k in range(0, fours, 4):
         accumulate_four(x, indices[k : k + 4], first, mean, spread, largest)
@@ -275,10 +295,16 @@ def accumulate_four(
     largest: Channels,
 ) -> None:
     """Accumulate four outputs at once, with a quarter of the writes."""
-    x0, x1, x2, x3 = x[four[0]], x[four[1]], x[four[2]], x[four[3]]
+    x0 = x[four[0]]
+    x1 = x[four[1]]
+    x2 = x[four[2]]
+    x3 = x[four[3]]
     for c in range(len(first)):
         f = first[c]
-        a0, a1, a2, a3 = x0[c] - f, x1[c] - f, x2[c] - f, x3[c] - f
+        a0 = x0[c] - f
+        a1 = x1[c] - f
+        a2 = x2[c] - f
+        a3 = x3[c] - f
         total[c] += (a0 + a1) + (a2 + a3)
         squares[c] += (a0 * a0 + a1 * a1) + (a2 * a2 + a3 * a3)
         highest = max(max(x0[c], x1[c]), max(x2[c], x3[c]))

@@ -111,10 +111,12 @@ MAX_DEVIATIONS = 4.0
 EDGE_SCALARS = 6
 """Number of invariants of an edge."""
 
-SHORT_TAPS, LONG_TAPS = 9, 5
+SHORT_TAPS = 9
+LONG_TAPS = 5
 """Taps of the head's two convolutions."""
 
-SHORT_STRIDE, LONG_STRIDE = 4, 2
+SHORT_STRIDE = 4
+LONG_STRIDE = 2
 """Strides of the two convolutions, each in steps of its own input."""
 
 

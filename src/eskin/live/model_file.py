@@ -182,7 +182,8 @@ Weights = dict[str, np.ndarray]
 
 def network_shapes(card: ModelCard) -> Shapes:
     """Return the shape of every parameter of the network, by its name."""
-    config, classes = card.network, len(card.vocabulary)
+    config = card.network
+    classes = len(card.vocabulary)
     features = len(PRESSURE_SUMMARY)
     if card.kind == "shear":
         features += len(SHEAR_SUMMARY)

@@ -44,7 +44,8 @@ from eskin.touch import Reading
 Weights = Mapping[str, np.ndarray]
 """Parameters by name, as in the state of the torch network."""
 
-INITIAL_NODES, INITIAL_NEIGHBOURS = 256, 16
+INITIAL_NODES = 256
+INITIAL_NEIGHBOURS = 16
 """Size of the graphs that there is memory for at first."""
 
 BRANCHES = ("summary", "graph")
@@ -68,8 +69,10 @@ class Network:
         Raises:
             ModelError: naming the first parameter that does not fit the model's card.
         """
-        weights, card = check_weights(model), model.card
-        self.slots, self.width = card.network.slots, card.network.width
+        weights = check_weights(model)
+        card = model.card
+        self.slots = card.network.slots
+        self.width = card.network.width
         features = len(weights["summary_mean"]) + 2 * self.width
         self.parts = NetworkParts(
             shear=card.kind == "shear",
@@ -97,7 +100,8 @@ def build_encoder_weights(weights: Weights, config: NetworkConfig) -> EncoderWei
 
     Those of a network without an encoder are empty.
     """
-    width, layers = config.width, config.layers
+    width = config.width
+    layers = config.layers
     if not width:
         shapes = prefix_names("encoder", encoder_shapes(width, layers))
         weights = {k: np.zeros(shape, np.float32) for k, shape in shapes.items()}
@@ -119,8 +123,10 @@ def build_encoder_weights(weights: Weights, config: NetworkConfig) -> EncoderWei
 
 def allocate_encoder(nodes: int, neighbours: int, width: int) -> EncoderWorkspace:
     """Allocate memory for graphs of so many nodes with so many neighbours each."""
-    real, whole = partial(np.empty, dtype=np.float32), partial(np.empty, dtype=np.int32)
-    edges, block = nodes * neighbours, max(BLOCK, neighbours)
+    real = partial(np.empty, dtype=np.float32)
+    whole = partial(np.empty, dtype=np.int32)
+    edges = nodes * neighbours
+    block = max(BLOCK, neighbours)
     return EncoderWorkspace(
         x=real((nodes, 3)),
         shear=np.zeros((nodes, 3), np.float32),
@@ -220,7 +226,8 @@ class LogitStream:
         Raises:
             ModelError: the weights do not fit the model's card.
         """
-        self.network, self.builder = Network(model), builder
+        self.network = Network(model)
+        self.builder = builder
         self.heads = self.network.parts.heads
         classes = len(model.card.vocabulary)
         self.shape = (2, len(self.heads.classify_bias) // classes, classes)
@@ -238,9 +245,12 @@ class LogitStream:
         A sequence that is not among `nodes` has ended.
         """
         self.builder.start_step(reading)
-        active, now = join_active(nodes), self.builder.step
-        states, self.states = self.states, {}
-        self.logits, self.probabilities = {}, {}
+        active = join_active(nodes)
+        now = self.builder.step
+        states = self.states
+        self.states = {}
+        self.logits = {}
+        self.probabilities = {}
         self.closing_logits = {}
         self.closing_probabilities = {}
         for key, (taxels, earlier, history) in nodes.items():
@@ -263,7 +273,8 @@ class LogitStream:
 
     def pack_parts(self) -> Packed:
         """Pack everything that a step needs, again whenever memory has grown."""
-        builder, workspace = self.builder, self.builder.workspace
+        builder = self.builder
+        workspace = self.builder.workspace
         parts = self.network.reserve(*workspace.graph.neighbours.shape)
         history = builder.taxel_history
         return pack(StepParts(builder.geometry, history, workspace, parts))

@@ -82,7 +82,8 @@ class Recognizer:
                 "is a MountedSkin; give eskin.MountedSkin(skin, robot), or call "
                 "eskin.Recognizer.load(model, skin)"
             )
-        card, skin = model.card, mounted.skin
+        card = model.card
+        skin = mounted.skin
         if card.kind == "shear" and not skin.has_shear:
             raise SkinMismatchError(
                 f"model needs shear, skin '{skin.name}' measures only pressure; "
@@ -207,7 +208,8 @@ class Recognizer:
         """Return the detections that report decisions at the latest reading."""
         if self.state is None:
             return []
-        stamp, by_id = self.state.reading.stamp, {touch.id: touch for touch in touches}
+        stamp = self.state.reading.stamp
+        by_id = {touch.id: touch for touch in touches}
         return [
             build_detection(
                 decision,

@@ -74,8 +74,10 @@ def step(
     this one, `earlier` those that it had in its last graph; `touch_history` has
     the columns `eskin.live.HISTORY`.
     """
-    parts, state = packed_parts.fields, packed_state.fields
-    network, features = parts.network, parts.network.features
+    parts = packed_parts.fields
+    state = packed_state.fields
+    network = parts.network
+    features = parts.network.features
     update_taxel_history(active, reading, parts.history)
     build_graph(
         taxels,
@@ -99,20 +101,24 @@ def compute_features(graph: GraphBatch, network: NetworkParts) -> None:
 
     Without room for an embedding none is computed.
     """
-    mean, scale, out = network.summary_mean, network.summary_scale, network.features
+    mean = network.summary_mean
+    scale = network.summary_scale
+    out = network.features
     summarise(graph, 0, network.shear, out)
     for k in range(len(mean)):
         centred = (out[k] - mean[k]) * scale[k]
         out[k] = min(max(centred, -CLIP), CLIP)
     if len(out) > len(mean):
-        embedding, workspace = out[len(mean) :], network.workspace
+        embedding = out[len(mean) :]
+        workspace = network.workspace
         encode(graph, network.shear, network.encoder, workspace, embedding)
 
 
 @compiled_fastmath
 def write_probabilities(logits: Channels, temperature: float, out: Channels) -> None:
     """Write the softmax of logits divided by a temperature."""
-    highest, total = max(logits), 0.0
+    highest = max(logits)
+    total = 0.0
     for k in range(len(logits)):
         total += math.exp((logits[k] - highest) / temperature)
     for k in range(len(logits)):

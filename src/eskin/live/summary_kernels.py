@@ -71,14 +71,24 @@ def compute_load_motion(graphs: GraphBatch, index: int) -> LoadMotion:
     The earlier load is placed where its taxels are now, so a load that rides on a
     moving link does not seem to move. The velocity is zero at first contact.
     """
-    first, end = graphs.offsets[index], graphs.offsets[index + 1]
+    first = graphs.offsets[index]
+    end = graphs.offsets[index + 1]
     seconds = np.float64(graphs.seconds[index])
-    pressure, previous = graphs.pressure[first:end], graphs.before[first:end]
-    areas, positions = graphs.areas[first:end], graphs.positions[first:end]
-    now, before = 0.0, 0.0
-    x, y, z, x_before, y_before, z_before = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    pressure = graphs.pressure[first:end]
+    previous = graphs.before[first:end]
+    areas = graphs.areas[first:end]
+    positions = graphs.positions[first:end]
+    now = 0.0
+    before = 0.0
+    x = 0.0
+    y = 0.0
+    z = 0.0
+    x_before = 0.0
+    y_before = 0.0
+    z_before = 0.0
     for i in range(len(pressure)):
-        p, p_before = pressure[i], previous[i]
+        p = pressure[i]
+        p_before = previous[i]
         if p == 0.0 and p_before == 0.0:
             continue
         weight = np.float64(p) * areas[i]
@@ -91,7 +101,8 @@ def compute_load_motion(graphs: GraphBatch, index: int) -> LoadMotion:
         x_before += weight_before * positions[i, 0]
         y_before += weight_before * positions[i, 1]
         z_before += weight_before * positions[i, 2]
-    divisor, divisor_before = max(now, MIN_WEIGHT), max(before, MIN_WEIGHT)
+    divisor = max(now, MIN_WEIGHT)
+    divisor_before = max(before, MIN_WEIGHT)
     centre = (x / divisor, y / divisor, z / divisor)
     velocity = (0.0, 0.0, 0.0)
     if now > 0.0 and before > 0.0:
@@ -109,17 +120,34 @@ def summarise_pressure(
 ) -> int:
     """Write the features of the pressure, and return their number."""
     force, centre, velocity = motion
-    first, end = graphs.offsets[index], graphs.offsets[index + 1]
+    first = graphs.offsets[index]
+    end = graphs.offsets[index + 1]
     seconds = np.float64(graphs.seconds[index])
-    pressure, previous = graphs.pressure[first:end], graphs.before[first:end]
-    areas, positions = graphs.areas[first:end], graphs.positions[first:end]
+    pressure = graphs.pressure[first:end]
+    previous = graphs.before[first:end]
+    areas = graphs.areas[first:end]
+    positions = graphs.positions[first:end]
     normals = graphs.normals[first:end]
-    peak, area, squares, loading, unloading = 0.0, 0.0, 0.0, 0.0, 0.0
-    low, middle, high = 0.0, 0.0, 0.0
-    nx, ny, nz = 0.0, 0.0, 0.0
-    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    peak = 0.0
+    area = 0.0
+    squares = 0.0
+    loading = 0.0
+    unloading = 0.0
+    low = 0.0
+    middle = 0.0
+    high = 0.0
+    nx = 0.0
+    ny = 0.0
+    nz = 0.0
+    xx = 0.0
+    yy = 0.0
+    zz = 0.0
+    xy = 0.0
+    xz = 0.0
+    yz = 0.0
     for i in range(len(pressure)):
-        p, a = np.float64(pressure[i]), np.float64(areas[i])
+        p = np.float64(pressure[i])
+        a = np.float64(areas[i])
         change = (p - previous[i]) * a * N_PER_KPA_CM2
         loading += max(change, 0.0)
         unloading += max(-change, 0.0)
@@ -138,16 +166,23 @@ def summarise_pressure(
         x = positions[i, 0] - centre[0]
         y = positions[i, 1] - centre[1]
         z = positions[i, 2] - centre[2]
-        xx, yy, zz = xx + weight * x * x, yy + weight * y * y, zz + weight * z * z
-        xy, xz, yz = xy + weight * x * y, xz + weight * x * z, yz + weight * y * z
+        xx = xx + weight * x * x
+        yy = yy + weight * y * y
+        zz = zz + weight * z * z
+        xy = xy + weight * x * y
+        xz = xz + weight * x * z
+        yz = yz + weight * y * z
     total = force / N_PER_KPA_CM2
     div = max(total, MIN_WEIGHT)
     variances = compute_eigenvalues(
         xx / div, yy / div, zz / div, xy / div, xz / div, yz / div
     )
-    loading, unloading = loading / seconds, unloading / seconds
-    mean, square = total / (area + AREA), squares / (area + AREA)
-    length, breadth = compute_extent(variances[0]), compute_extent(variances[1])
+    loading = loading / seconds
+    unloading = unloading / seconds
+    mean = total / (area + AREA)
+    square = squares / (area + AREA)
+    length = compute_extent(variances[0])
+    breadth = compute_extent(variances[1])
     speed = norm(velocity[0], velocity[1], velocity[2])
     concentration = square * area * N_PER_KPA_CM2**2
     columns = (
@@ -182,22 +217,45 @@ def summarise_shear(
 ) -> None:
     """Write the features of the shear."""
     force, centre, velocity = motion
-    first, end = graphs.offsets[index], graphs.offsets[index + 1]
+    first = graphs.offsets[index]
+    end = graphs.offsets[index + 1]
     seconds = np.float64(graphs.seconds[index])
-    areas, positions = graphs.areas[first:end], graphs.positions[first:end]
-    shear, shear_before = graphs.shear[first:end], graphs.shear_before[first:end]
-    size, peak, rate, divergence = 0.0, 0.0, 0.0, 0.0
-    nx, ny, nz, bx, by, bz, cx, cy, cz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    areas = graphs.areas[first:end]
+    positions = graphs.positions[first:end]
+    shear = graphs.shear[first:end]
+    shear_before = graphs.shear_before[first:end]
+    size = 0.0
+    peak = 0.0
+    rate = 0.0
+    divergence = 0.0
+    nx = 0.0
+    ny = 0.0
+    nz = 0.0
+    bx = 0.0
+    by = 0.0
+    bz = 0.0
+    cx = 0.0
+    cy = 0.0
+    cz = 0.0
     for i in range(len(areas)):
         a = np.float64(areas[i]) * N_PER_KPA_CM2
-        s, earlier = shear[i], shear_before[i]
+        s = shear[i]
+        earlier = shear_before[i]
         peak = max(peak, norm(s[0], s[1], s[2]))
-        sx, sy, sz = s[0] * a, s[1] * a, s[2] * a
-        ex, ey, ez = earlier[0] * a, earlier[1] * a, earlier[2] * a
+        sx = s[0] * a
+        sy = s[1] * a
+        sz = s[2] * a
+        ex = earlier[0] * a
+        ey = earlier[1] * a
+        ez = earlier[2] * a
         size += norm(sx, sy, sz)
         rate += norm(sx - ex, sy - ey, sz - ez) / seconds
-        nx, ny, nz = nx + sx, ny + sy, nz + sz
-        bx, by, bz = bx + ex, by + ey, bz + ez
+        nx = nx + sx
+        ny = ny + sy
+        nz = nz + sz
+        bx = bx + ex
+        by = by + ey
+        bz = bz + ez
         x = positions[i, 0] - centre[0]
         y = positions[i, 1] - centre[1]
         z = positions[i, 2] - centre[2]
@@ -207,9 +265,12 @@ def summarise_shear(
         cy += (z * sx - x * sz) * outward
         cz += (x * sy - y * sx) * outward
     scale = size + FORCE
-    net, net_before = norm(nx, ny, nz), norm(bx, by, bz)
+    net = norm(nx, ny, nz)
+    net_before = norm(bx, by, bz)
     net_rate = norm(nx - bx, ny - by, nz - bz) / seconds
-    vx, vy, vz = velocity[0], velocity[1], velocity[2]
+    vx = velocity[0]
+    vy = velocity[1]
+    vz = velocity[2]
     along = nx * vx + ny * vy + nz * vz
     turned = nx * bx + ny * by + nz * bz
     columns = (

@@ -76,7 +76,8 @@ class Page:
         self.target = TargetMark(server, self.scene, setup.touchable)
         marks = Marks(server, self.scene), self.target
         self.parts = [self.scene, *marks, *arm, self.panel]
-        self.drawn, self.guide = -np.inf, None
+        self.drawn = -np.inf
+        self.guide = None
         self.seconds = 0.0
         self.hit = False
         self.mouse.tell = self.tell
@@ -92,7 +93,9 @@ class Page:
 
     def register_events(self, link: int, discs: BatchedMeshHandle) -> None:
         """Turn clicks and drags on the discs or pads of a link into touches."""
-        scene, taxels, mouse = self.scene, self.scene.taxels[link], self.mouse
+        scene = self.scene
+        taxels = self.scene.taxels[link]
+        mouse = self.mouse
 
         def click(event: SceneNodePointerEvent, mode: TouchMode | None) -> None:
             # What is hit without an index is the outline of another disc.
@@ -130,7 +133,8 @@ class Page:
         @command.on_trigger
         async def _(event: object) -> None:
             # The key comes after what the press has hit.
-            hit, self.hit = self.hit, False
+            hit = self.hit
+            self.hit = False
             if not hit and is_click:
                 self.mouse.click(None, monotonic())
             elif not hit:
@@ -151,7 +155,8 @@ class Page:
                 part.update(update)
             passed = update.seconds - self.drawn
             if guide != self.guide or not 0.0 <= passed < PANEL_PERIOD:
-                self.drawn, self.guide = update.seconds, guide
+                self.drawn = update.seconds
+                self.guide = guide
                 self.panel.render(update)
 
 
@@ -167,7 +172,9 @@ def build_panel(
     server: ViserServer, scene: Scene, send: Callable[[Order], None]
 ) -> tuple[Mouse, Panel]:
     """Build the mouse and the panel that a scene asks for."""
-    gui, setup, scale = server.gui, scene.setup, scene.scale
+    gui = server.gui
+    setup = scene.setup
+    scale = scene.scale
     if setup.paints:
         brush = PaintBrush(setup, send)
         return brush, PaintPanel(gui, setup, brush)

@@ -40,7 +40,9 @@ AT_WORK = "ur5"
 """Robot whose place of work the camera faces by default."""
 LID_HEIGHT = 0.005
 """Height of a lid [m]."""
-BODY, TUBE, COVER = (214, 217, 221), (196, 200, 206), (96, 143, 178)
+BODY = (214, 217, 221)
+TUBE = (196, 200, 206)
+COVER = (96, 143, 178)
 """Colours of aluminium, of its tubes, and of lids in the blue-grey of a UR."""
 logger = logging.getLogger(__name__)
 
@@ -92,7 +94,8 @@ def frame_robot(
     `SceneDescription`.
     """
     q = np.zeros(len(mounted.robot.joint_names)) if q is None else q
-    T, (places, normals) = mounted.kinematics.poses(q), mounted.place_taxels(q)
+    T = mounted.kinematics.poses(q)
+    (places, normals) = mounted.place_taxels(q)
     points = [apply(T[solid.link], solid.vertices) for solid in solids]
     points = np.concatenate([*points, places])
     low, high = points.min(axis=0), points.max(axis=0)
@@ -142,7 +145,8 @@ def leave_out_unreadable(robot: Robot) -> Robot:
 
     A page shows touches without the robot under them too.
     """
-    links, problems = [], []
+    links = []
+    problems = []
     for link in robot.links:
         kept = []
         for geom in link.geoms:

@@ -102,7 +102,8 @@ class LabelEditor:
         """Take back the last change, and return whether there was one."""
         if not self.previous:
             return False
-        self.labels, self.changed = self.previous.pop(), True
+        self.labels = self.previous.pop()
+        self.changed = True
         return True
 
     def remove(self, *labels: Label) -> None:
@@ -114,7 +115,8 @@ class LabelEditor:
         found = sort_labels(replace(label, source="true") for label in labels)
         check_no_overlap(found, self.recording.start)
         self.previous.append(self.labels)
-        self.labels, self.changed = found, True
+        self.labels = found
+        self.changed = True
 
     def save(self) -> Path:
         """Write the recording with these labels and return the path of the original.
@@ -262,23 +264,30 @@ def load_replayed(
             f"{recording.path} holds no scans; allowed is one or more; give another"
         )
     areas = 1e3 * recording.skin.areas
-    taxels, joints = recording.skin.count, len(recording.joint_names)
+    taxels = recording.skin.count
+    joints = len(recording.joint_names)
     group = count_group(recording.count, taxels, joints)
     size = -(-recording.count // group)
-    seconds, q = np.empty(size), np.empty((size, joints))
+    seconds = np.empty(size)
+    q = np.empty((size, joints))
     pressure = np.zeros((size, taxels), np.float16)
     valid = np.zeros((size, taxels), np.bool_)
-    force, peak = np.zeros(size), np.full(size, -1.0)
+    force = np.zeros(size)
+    peak = np.full(size, -1.0)
     rows = 0
     for number, reading in enumerate(compute_readings(recording, mounted, config)):
-        row, rows = number // group, number // group + 1
+        row = number // group
+        rows = number // group + 1
         pressures = np.where(reading.valid, np.maximum(reading.pressure, 0.0), 0.0)
         if number % group == 0:
             seconds[row] = (reading.stamp - recording.start) / NS_PER_S
         highest = pressures.max()
         if highest > peak[row]:
-            pressure[row], valid[row], q[row] = pressures, reading.valid, reading.q
-            force[row], peak[row] = pressures @ areas, highest
+            pressure[row] = pressures
+            valid[row] = reading.valid
+            q[row] = reading.q
+            force[row] = pressures @ areas
+            peak[row] = highest
     columns = (seconds, pressure, valid, q, force, peak)
     return LoadedRecording(*(column[:rows] for column in columns), group=group)
 

@@ -40,7 +40,8 @@ class Mouse(ABC):
             setup: description of the skin, or of a surface as the taxels of one.
             send: function called with each order, from any thread.
         """
-        self.setup, self.send = setup, send
+        self.setup = setup
+        self.send = send
         self.answer: TouchMode | None = None
         self.tell: Callable[[str], None] = lambda text: None
 
@@ -145,7 +146,8 @@ class MouseHand(Mouse):
         """Schedule a poke, or a double pat if a poke was already scheduled."""
         with self.lock:
             self.tick(now)
-            waiting, self.waiting = self.waiting, (now + DOUBLE_CLICK, spot)
+            waiting = self.waiting
+            self.waiting = (now + DOUBLE_CLICK, spot)
             if waiting is None:
                 return
             first = waiting[1]
@@ -207,7 +209,8 @@ class MouseHand(Mouse):
         """Return an order for a point with the current force and duration."""
         x, y, z = spot.p_link.tolist()
         force, seconds = USUAL.get(kind, USUAL["begin"])
-        force, seconds = self.firmness * force, self.slowness * seconds
+        force = self.firmness * force
+        seconds = self.slowness * seconds
         link = self.setup.links[spot.link]
         return TouchOrder(kind, link, (x, y, z), force, seconds, key)
 
@@ -262,7 +265,8 @@ class PaintBrush(Mouse):
     def __init__(self, setup: SceneDescription, send: Callable[[Order], None]) -> None:
         """Start without strokes."""
         super().__init__(setup, send)
-        self.radius, self.keeps_out = 0.04, False
+        self.radius = 0.04
+        self.keeps_out = False
         self.matrix: tuple[int, int, float] | None = None
         self.strokes = 0
         self.pressed: SurfacePoint | None = None
@@ -287,9 +291,11 @@ class PaintBrush(Mouse):
             return
         if phase == "start":
             self.strokes += 1
-            self.pressed, self.last = spot, None
+            self.pressed = spot
+            self.last = None
             return
-        first, self.pressed = self.pressed, None
+        first = self.pressed
+        self.pressed = None
         for each in (first, spot):
             if each is not None and self.measure_step(each) >= BALL_STEP * self.radius:
                 self.paint(each)

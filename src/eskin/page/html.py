@@ -170,7 +170,8 @@ def render_numbers(*pairs: tuple[str, str]) -> str:
 
 def render_status(update: ViewUpdate) -> str:
     """Return rate, delay, taxels in use, arm and recording as HTML."""
-    working, count = int(update.valid.sum()), len(update.valid)
+    working = int(update.valid.sum())
+    count = len(update.valid)
     colour = TEAL if working == count else AMBER if working > 0.9 * count else RED
     parts = render_brief(
         render_numbers(
@@ -368,16 +369,21 @@ def render_bars(touches: Sequence[OpenTouch], setup: SceneDescription) -> str:
 
     Each gesture has its colour, and what it commands below it.
     """
-    head, best, probabilities = "no touch", -1, np.zeros(len(setup.gestures))
+    head = "no touch"
+    best = -1
+    probabilities = np.zeros(len(setup.gestures))
     for first in touches[:1]:
         head = f"touch {first.id} on {render_name(first.patch)}, {first.force:.1f} N"
-        best, probabilities = int(np.argmax(first.probabilities)), first.probabilities
-    colours, commands = choose_gesture_colours(setup.gestures), describe_commands(setup)
+        best = int(np.argmax(first.probabilities))
+        probabilities = first.probabilities
+    colours = choose_gesture_colours(setup.gestures)
+    commands = describe_commands(setup)
     below = f"color:{PALE};font-size:11px;line-height:1.2;margin:0 0 2px 14px"
     rows = [div(f"color:{PALE};margin:2px 0", head)]
     for gesture in list_gestures(setup.gestures):
         number = setup.gestures.index(gesture)
-        colour, share = colours[gesture], f"{probabilities[number]:.0%}"
+        colour = colours[gesture]
+        share = f"{probabilities[number]:.0%}"
         weight = f"font-weight:{600 if number == best else 400}"
         name = render_dot(colour) + render_name(gesture)
         bar = "display:block;height:9px;border-radius:5px"
@@ -447,7 +453,8 @@ def render_patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) ->
     missing = np.bincount(setup.patch_index[~valid], minlength=len(setup.patches))
     cells = ""
     for name, out, size in zip(setup.patches, missing, sizes, strict=True):
-        colour, note = TEAL, ""
+        colour = TEAL
+        note = ""
         if out:
             colour, note = (RED, " silent") if out == size else (AMBER, f" {out} out")
         cells += span(
@@ -482,7 +489,8 @@ class ColourScale:
         """Create a scale up to a maximum pressure [kPa]."""
         self.maximum = maximum
         stops = np.array([list(bytes.fromhex(stop)) for stop in PRESSED.split()])
-        places, steps = np.linspace(0, 1, len(stops)), np.linspace(0, 1, STEPS)
+        places = np.linspace(0, 1, len(stops))
+        steps = np.linspace(0, 1, STEPS)
         columns = [np.interp(steps, places, column) for column in stops.T]
         self.table = np.stack(columns, axis=-1).round().astype(np.uint8)
 
@@ -544,7 +552,8 @@ def render_patch_map(
 ) -> str:
     """Return a patch as HTML, unrolled by its rows and columns, seen from outside."""
     taxels = np.flatnonzero(setup.patch_index == patch)
-    kpa, good = pressure[taxels].astype(np.float64), valid[taxels]
+    kpa = pressure[taxels].astype(np.float64)
+    good = valid[taxels]
     rows, columns = setup.rows[taxels], setup.columns[taxels]
     row_count = int(rows.max()) + 1
     column_count = int(columns.max()) + 1

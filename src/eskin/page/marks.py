@@ -31,7 +31,8 @@ from eskin.page.scene import (
 )
 from eskin.transforms import apply, rotate
 
-METAL, RUBBER = (206, 209, 214), (52, 56, 64)
+METAL = (206, 209, 214)
+RUBBER = (52, 56, 64)
 PART_COLOUR = (0, 114, 178)
 FINGER_OFFSETS = {"open": 0.042, "closed": 0.011}
 """Distance of a finger from the middle of the gripper, by state [m]."""
@@ -76,7 +77,8 @@ class GripperModel(PagePart):
         """Open or close the gripper, and show the part in it."""
         if update.arm is None:
             return
-        state, carrying = update.arm.gripper, update.arm.carrying
+        state = update.arm.gripper
+        carrying = update.arm.carrying
         if self.part.visible != carrying:
             self.part.visible = carrying
         if state != self.shown and state in FINGER_OFFSETS:
@@ -99,7 +101,9 @@ ARROW_PROFILE = ((0.0, 0.0), (0.12, 0.3), (0.04, 0.3), (0.04, 1.0), (0.0, 1.0))
 its tip at zero: the head, its underside, the shaft, and the end."""
 RING = (0, 90, 181)
 """Blue, distinct from the whole colour scale for people of any colour vision."""
-ARROW_BASE, ARROW_PER_NEWTON, ARROW_LONGEST = 0.03, 0.006, 0.15
+ARROW_BASE = 0.03
+ARROW_PER_NEWTON = 0.006
+ARROW_LONGEST = 0.15
 """Length of the arrow of a force: without force, for each newton, at most [m]."""
 NAMED = 3
 """Greatest number of contacts with their name."""
@@ -140,7 +144,8 @@ class Marks(PagePart):
         self.ringed: set[int] = set()
         self.count = 0
         self.labels: deque[FloatingLabel] = deque()
-        ring, arrow = revolve(RING_PROFILE, SEGMENTS), revolve(ARROW_PROFILE, CORNERS)
+        ring = revolve(RING_PROFILE, SEGMENTS)
+        arrow = revolve(ARROW_PROFILE, CORNERS)
         self.rings = {n: self.add_marks("contacts", n, ring) for n in scene.discs}
         self.arrows = {n: self.add_marks("forces", n, arrow) for n in scene.discs}
         self.names = [
@@ -291,7 +296,9 @@ LABEL_HEIGHT = 0.03
 """Height of the label over that place [m]."""
 HINT_FACING = 0.6
 """Cosine to the camera below which another place is hinted at."""
-ASIDE, BEFORE, SOME = 0.03, 0.06, 4
+ASIDE = 0.03
+BEFORE = 0.06
+SOME = 4
 """Distance from the ray to the camera, and along it, at which a part of the robot hides
 a place [m]; one of so many points is looked at."""
 TARGET_DISTANCE = 0.9
@@ -313,7 +320,9 @@ class TargetMark(PagePart):
 
     def __init__(self, server: ViserServer, scene: Scene, hints: bool = False) -> None:
         """Start without a place."""
-        self.server, self.scene, self.hints = server, scene, hints
+        self.server = server
+        self.scene = scene
+        self.hints = hints
         self.place: PressPlace | None = None
         self.hinted: int | None = None
         self.ring = server.scene.add_mesh_simple(
@@ -353,7 +362,8 @@ class TargetMark(PagePart):
 
     def find_hint(self) -> PressPlace:
         """Return a place on the skin that the camera sees, the same while it does."""
-        setup, facing = self.scene.setup, self.measure_facing()
+        setup = self.scene.setup
+        facing = self.measure_facing()
         last = self.hinted
         if last is None or facing[last] < HINT_FACING or self.find_hidden([last])[0]:
             # The middle of what is seen of the patch that is seen most.
@@ -389,12 +399,14 @@ class TargetMark(PagePart):
 
     def find_hidden(self, taxels: Sequence[int] | np.ndarray) -> Bool[np.ndarray, "_"]:
         """Return which taxels have a part of the robot before them."""
-        scene, (positions, _) = self.scene, self.scene.place_taxels()
+        scene = self.scene
+        (positions, _) = self.scene.place_taxels()
         parts = [
             apply(scene.T_world_link[solid.link], solid.vertices[::SOME])
             for solid in scene.setup.solids
         ]
-        bodies, places = np.concatenate([*parts, positions[::SOME]]), positions[taxels]
+        bodies = np.concatenate([*parts, positions[::SOME]])
+        places = positions[taxels]
         rays = (self.eye - places) / np.linalg.norm(self.eye - places, axis=1)[:, None]
         away = bodies - places[:, None]
         along = np.einsum("tpi,ti->tp", away, rays)

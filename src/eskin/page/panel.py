@@ -72,7 +72,9 @@ class Panel(PagePart):
             setup: description of the scene.
             send: function called with the orders of the controls.
         """
-        self.gui, self.setup, self.send = gui, setup, send
+        self.gui = gui
+        self.setup = setup
+        self.send = send
         self.log_entries: deque[LogEntry] = deque(maxlen=LINES)
         if setup.warning:
             gui.add_html(render_warning(setup.warning))
@@ -138,7 +140,8 @@ PERIOD = 0.1
 """Interval between two points [s]."""
 COUNT = round(SECONDS / PERIOD)
 FORCE_COLOUR, PEAK_COLOUR = "#1f2733", "#7b8fb8"
-HIGH, OUTSIDE = 0.93, -9.0
+HIGH = 0.93
+OUTSIDE = -9.0
 """Heights of visible and hidden marks as shares of the height of the plot.
 
 The plot has no missing values, so hidden marks are drawn outside it.
@@ -265,14 +268,16 @@ class TouchPanel(Panel):
                 through its `send`.
         """
         super().__init__(gui, setup, hand.send)
-        self.scale, self.hand = scale, hand
+        self.scale = scale
+        self.hand = hand
         self.colours = choose_gesture_colours(setup.gestures)
         known = [name for name in setup.gestures if name != "unknown"]
         self.names = tuple(list_gestures(known))
         self.seconds = 0.0
         self.last: LogEntry | None = None
         self.running = True
-        self.maps_due, self.mapped = 0.0, 0
+        self.maps_due = 0.0
+        self.mapped = 0
         gui.add_html(render_purpose(setup))
         self.status = gui.add_html("")
         if setup.touchable and setup.is_arm:
@@ -337,7 +342,8 @@ class TouchPanel(Panel):
 
     def add_skin_controls(self) -> None:
         """Add the controls of cables, dead taxels, skins and recording."""
-        gui, setup = self.gui, self.setup
+        gui = self.gui
+        setup = self.setup
         patch = gui.add_dropdown("cable of", setup.patches)
         cable: dict[str, PageKind] = {"unplug": "unplug", "plug in": "plug"}
         self.add_orders("is to", cable, lambda kind: patch.value)
@@ -403,7 +409,8 @@ class TouchPanel(Panel):
 
     def draw_map(self, update: ViewUpdate) -> None:
         """Draw the chosen patch, or the one that is touched most."""
-        setup, chosen = self.setup, self.shown_patch.value
+        setup = self.setup
+        chosen = self.shown_patch.value
         names = [chosen, *(contact.patch for contact in update.contacts)]
         patch = next((name for name in names if name in setup.patches), None)
         if patch is None and self.map.content:

@@ -123,7 +123,8 @@ class PageProcess:
             DeviceError: the port is not available.
         """
         port = free_port(port)
-        self.on_order, self.setup = on_order, setup
+        self.on_order = on_order
+        self.setup = setup
         self.changed = Condition()
         self.latest: ViewUpdate | None = None
         self.in_flight = self.updates = self.shown = self.dropped = 0
@@ -192,7 +193,8 @@ class PageProcess:
             while True:
                 with self.changed:
                     self.changed.wait_for(self.may_send)
-                    update, self.latest = self.latest, None
+                    update = self.latest
+                    self.latest = None
                     if self.ending or update is None:
                         return
                     self.in_flight += 1

@@ -47,7 +47,8 @@ MAX_RAY_DISTANCE = 0.015
 """Greatest distance from a ray to the centre of a taxel that it hits [m]."""
 SCALE = 60.0
 """Initial pressure of the lightest colour [kPa]; the user can change it."""
-WIDTH, WIDER = 320, 400
+WIDTH = 320
+WIDER = 400
 """Width of the panel, and of a panel with two columns [px]."""
 TABLE = (203, 190, 168)
 """Colour of a table under a place of the task."""
@@ -178,7 +179,8 @@ class Scene(PagePart):
     def face_skin(self) -> None:
         """Set the camera as the description of the scene says."""
         setup = self.setup
-        middle, direction = np.array(setup.middle), np.array(setup.direction)
+        middle = np.array(setup.middle)
+        direction = np.array(setup.direction)
         self.set_camera(middle, setup.distance, direction)
 
     def set_camera(
@@ -199,7 +201,8 @@ class Scene(PagePart):
         self.view = middle + distance * direction, middle
         first = self.server.initial_camera
         first.fov = FIELD_OF_VIEW
-        first.position, first.look_at = middle + distance * direction, middle
+        first.position = middle + distance * direction
+        first.look_at = middle
         for client in self.server.get_clients().values():
             self.turn(client)
 
@@ -212,14 +215,16 @@ class Scene(PagePart):
             nonlocal was_narrow
             self.view = camera.position, camera.look_at
             self.picture_height = camera.image_height
-            before, was_narrow = was_narrow, camera.aspect < NARROW
+            before = was_narrow
+            was_narrow = camera.aspect < NARROW
             if was_narrow != before:
                 self.turn(client)
 
     def turn(self, client: ClientHandle) -> None:
         """Turn the camera of a browser to the scene, by the shape of its window."""
         position, look_at = place_camera(*self.camera, client.camera.aspect)
-        client.camera.position, client.camera.look_at = position, look_at
+        client.camera.position = position
+        client.camera.look_at = look_at
 
     def project(self, p_world: Float[np.ndarray, "*_ 3"]) -> Float[np.ndarray, "*_ 2"]:
         """Return where points are drawn, from the middle to the right and down [px].
@@ -260,7 +265,8 @@ class Scene(PagePart):
             share: radius as a share of the radius of a circle of the taxel's area.
             colour: colour of all discs at first.
         """
-        setup, taxels = self.setup, self.taxels[link]
+        setup = self.setup
+        taxels = self.taxels[link]
         normals = setup.normals[taxels]
         radii = share * np.sqrt(setup.areas[taxels] / np.pi)
         size = np.float32(radii.max())
@@ -411,7 +417,8 @@ def build_disc() -> Mesh:
     """
     vertices, faces = revolve([(1.0, 0.0), (0.0, 0.0)], CORNERS)
     # The rim, then one vertex in the middle.
-    vertices, faces = vertices[: CORNERS + 1], np.minimum(faces[CORNERS:], CORNERS)
+    vertices = vertices[: CORNERS + 1]
+    faces = np.minimum(faces[CORNERS:], CORNERS)
     lower = vertices.copy()
     lower[CORNERS, 2] = -DEPTH
     faces = np.concatenate([faces, faces[:, ::-1] + np.uint32(CORNERS + 1)])
@@ -428,7 +435,8 @@ def revolve(profile: Sequence[tuple[float, float]], corners: int) -> Mesh:
     angle = np.arange(corners) * 2 * np.pi / corners
     circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     vertices = [radius * circle + (0.0, 0.0, z) for radius, z in profile]
-    near, far = np.arange(corners), (np.arange(corners) + 1) % corners
+    near = np.arange(corners)
+    far = (np.arange(corners) + 1) % corners
     faces = []
     for low in range(0, corners * (len(profile) - 1), corners):
         high = low + corners

@@ -24,7 +24,8 @@ def render_still(
         q: joint positions [rad].
         values: value of each taxel, not negative; NaN where it has none.
     """
-    setup, has_value = describe_scene(mounted, (), q), np.isfinite(values)
+    setup = describe_scene(mounted, (), q)
+    has_value = np.isfinite(values)
     greatest = float(np.max(values, initial=0.0, where=has_value)) or 1.0
     server = open_server(0, make_token())
     try:

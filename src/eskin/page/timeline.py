@@ -97,7 +97,8 @@ class Overview:
         detections: Sequence[DetectionRecord],
     ) -> None:
         """Draw the recording with the position at its beginning."""
-        self.editor, self.detections = editor, detections
+        self.editor = editor
+        self.detections = detections
         self.peak = compute_envelope(loaded.peak, BINS)
         self.length = float(loaded.seconds[-1])
         self.times = np.linspace(0.0, self.length, len(self.peak))
@@ -156,7 +157,8 @@ class Overview:
         self, seconds: float, span: tuple[float, float]
     ) -> tuple[Float[np.ndarray, "bin"], ...]:
         """Return times [s], peaks [kPa], range, position, labels and detections."""
-        editor, times = self.editor, self.times
+        editor = self.editor
+        times = self.times
         ranged, here = np.full((2, len(times)), OUTSIDE)
         labelled, detected = np.full((2, len(self.names), len(times)), OUTSIDE)
         rows = {name: row for row, name in enumerate(self.names)}
@@ -174,7 +176,8 @@ class Overview:
 
     def find_bin(self, seconds: float) -> int:
         """Return the index of a time [s] in the plot."""
-        share, last = seconds / (self.length or 1.0), len(self.times) - 1
+        share = seconds / (self.length or 1.0)
+        last = len(self.times) - 1
         return min(max(round(share * last), 0), last)
 
 
@@ -231,12 +234,16 @@ class Timeline:
             editor: editor of its labels.
             detections: what a model recognised in it, to compare with the labels.
         """
-        self.server, self.mounted, self.loaded = server, mounted, loaded
-        self.editor, self.detections = editor, detections
+        self.server = server
+        self.mounted = mounted
+        self.loaded = loaded
+        self.editor = editor
+        self.detections = detections
         self.lock = RLock()
         self.clock = PlaybackClock(float(loaded.seconds[-1]))
         self.shown = -1
-        gui, title = server.gui, editor.recording.path.name
+        gui = server.gui
+        title = editor.recording.path.name
         setup = replace(describe_scene(mounted, GESTURES), title=title)
         self.scene = lay_out(server, setup, WIDER)
         gui.add_html(html.render_block(PURPOSE))
@@ -260,7 +267,8 @@ class Timeline:
 
     def add_transport(self) -> None:
         """Add the controls of the playback: time, range, speed."""
-        gui, clock = self.server.gui, self.clock
+        gui = self.server.gui
+        clock = self.clock
         longest = max(clock.length, STEP)
         self.slider = gui.add_slider("time [s]", 0.0, longest, STEP, 0.0)
         self.range = gui.add_multi_slider(
@@ -342,7 +350,8 @@ class Timeline:
 
     def begin_or_end(self, key: Literal["I", "O"]) -> None:
         """Begin (I) or end (O) the range at the position."""
-        here, (start, end) = round(self.clock.seconds, 2), self.span()
+        here = round(self.clock.seconds, 2)
+        (start, end) = self.span()
         begins = key == "I"
         span = (here, max(here, end)) if begins else (min(start, here), here)
         self.range.value = span
@@ -409,7 +418,8 @@ class Timeline:
 
     def list_labels(self) -> None:
         """Show the current labels in the plot, the legend and the comparison."""
-        names, labels = self.names, self.editor.labels
+        names = self.names
+        labels = self.editor.labels
         counts = Counter(label.gesture for label in labels)
         colours = html.choose_gesture_colours(names)
         keys = html.render_keys(names, colours, [counts[name] for name in names])
@@ -436,7 +446,8 @@ class Timeline:
             if row != self.shown:
                 self.shown = row
                 loaded = self.loaded
-                seconds, q = float(loaded.seconds[row]), loaded.q[row]
+                seconds = float(loaded.seconds[row])
+                q = loaded.q[row]
                 shown = loaded.pressure[row], loaded.valid[row]
                 self.scene.update(build_still(self.mounted, seconds, q, *shown))
                 self.status.content = self.render_status(row)
@@ -445,7 +456,8 @@ class Timeline:
     def render_status(self, row: int) -> str:
         """Return time, force and peak of a reading, and what it is, as HTML."""
         now = self.editor.stamp(float(self.loaded.seconds[row]))
-        label, found = "", None
+        label = ""
+        found = None
         for each in self.editor.labels:
             label = each.gesture if each.start <= now < each.end else label
         for record in self.detections:

@@ -73,7 +73,8 @@ class FrameEncoder:
             mounted: skin on its robot.
             begin: stamp of time zero [ns since the epoch].
         """
-        self.mounted, self.begin = mounted, begin
+        self.mounted = mounted
+        self.begin = begin
         self.log_entries: deque[LogEntry] = deque(maxlen=MAX_LOG_ENTRIES)
         joints = len(mounted.robot.joint_names)
         self.T_world_link = mounted.kinematics.poses(np.zeros(joints))
@@ -474,14 +475,17 @@ class Viewer(Listener):
                 epoch]; None for an arm that never asks.
         """
         self.recognition, self.config = recognition, config or ViewerConfig()
-        self.on_order, self.arm, self.recording = on_order, arm, recording
+        self.on_order = on_order
+        self.arm = arm
+        self.recording = recording
         self.question = question
         self.touches: dict[int, tuple[int, int]] = {}
         self.corrected: dict[int, str] = {}
         self.names = [*recognition.recognizer.model.card.vocabulary]
         self.page: PageProcess | None = None
         self.due = self.counted_from = 0.0
-        self.count, self.rate = 0, 0.0
+        self.count = 0
+        self.rate = 0.0
 
     @property
     def mounted(self) -> MountedSkin:
@@ -531,7 +535,8 @@ class Viewer(Listener):
         """
         for touch in [each for each in self.corrected if each not in going_on]:
             start, last = self.touches[touch]
-            now, gesture = self.context.clock.now(), self.corrected.pop(touch)
+            now = self.context.clock.now()
+            gesture = self.corrected.pop(touch)
             self.context.publish(Correction(now, start, last + LAST_CONTACT, gesture))
 
     @property
@@ -597,7 +602,8 @@ class Viewer(Listener):
         elapsed = now - self.counted_from
         if elapsed >= 1.0:
             self.rate = self.count / elapsed if self.counted_from else 0.0
-            self.count, self.counted_from = 0, now
+            self.count = 0
+            self.counted_from = now
 
     def wait_ready(self, timeout: float) -> str:
         """Wait until the page is served and return its link.
@@ -655,7 +661,9 @@ class CalibrationViewer:
         self.skipped: str | None = None
         self.repeated: int | None = None
         self.encoder: FrameEncoder | None = None
-        self.mounted, self.stamp, self.due = mounted, 0, 0.0
+        self.mounted = mounted
+        self.stamp = 0
+        self.due = 0.0
         scene = replace(
             describe_scene(mounted, ()), calibrates=True, warning=config.warning
         )

@@ -98,8 +98,10 @@ def find_touched_spans(
 ) -> list[tuple[int, int]]:
     """Return start and end [ns] of every run of touched readings in a slice."""
     edges = np.diff(np.pad(touched[inside], 1).astype(np.int8))
-    firsts, lasts = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    begun, ended = stamps[inside][firsts], ends[inside][lasts]
+    firsts = np.flatnonzero(edges == 1)
+    lasts = np.flatnonzero(edges == -1) - 1
+    begun = stamps[inside][firsts]
+    ended = ends[inside][lasts]
     return list(zip(begun.tolist(), ended.tolist(), strict=True))
 
 

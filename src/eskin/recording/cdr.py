@@ -46,7 +46,8 @@ NUMBERS = {
     "byte": "B",
 }
 """Codes of the types of numbers, of `struct` and numpy."""
-STAMP, COUNT = struct.Struct("<iI"), struct.Struct("<I")
+STAMP = struct.Struct("<iI")
+COUNT = struct.Struct("<I")
 
 Pack = Callable[[bytearray, Any], None]
 Unpack = Callable[[bytes, int], tuple[Any, int]]
@@ -178,8 +179,10 @@ def build_sequence_codec(name: str, types: Types) -> Codec:
     codes = {NUMBERS.get(name)}
     if name in types and name not in STAMPS:
         codes = {NUMBERS.get(field.type_name) for field in types[name]}
-    codec, code = build_codec(name, types), codes.pop()
-    pack, unpack = partial(pack_all, codec.pack), partial(unpack_all, codec.unpack)
+    codec = build_codec(name, types)
+    code = codes.pop()
+    pack = partial(pack_all, codec.pack)
+    unpack = partial(unpack_all, codec.unpack)
     if code is not None and not codes:
         pack = partial(pack_rows, np.dtype("<" + code))
     if name in NUMBERS:

@@ -113,8 +113,10 @@ class RecordingGuide:
             gestures: names of the gestures, in the order in which they are asked for.
             times: number of attempts of each.
         """
-        self.mounted, self.calibration = mounted, calibration
-        self.gestures, self.times = tuple(gestures), times
+        self.mounted = mounted
+        self.calibration = calibration
+        self.gestures = tuple(gestures)
+        self.times = times
         self.pipeline = TouchPipeline(mounted, calibration)
         self.state: TouchState | None = None
         self.attempts: list[RecordingAttempt] = []
@@ -294,7 +296,8 @@ class TouchSummary:
 
     def add(self, scan: Scan, state: TouchState, full_scale: int) -> None:
         """Add a scan and its contacts."""
-        contacts, stamp = state.contacts, state.reading.stamp
+        contacts = state.contacts
+        stamp = state.reading.stamp
         if not contacts:
             self.end(stamp)
             self.strongest = None
@@ -302,7 +305,8 @@ class TouchSummary:
         self.last = stamp
         self.after = 0
         strongest = max(contacts, key=lambda contact: contact.force)
-        previous, self.strongest = self.strongest, strongest
+        previous = self.strongest
+        self.strongest = strongest
         self.pieces += previous is None
         if previous is not None and previous.link == strongest.link:
             step = strongest.p_link - previous.p_link

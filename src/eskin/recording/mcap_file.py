@@ -72,7 +72,8 @@ MAX_CHUNK_MESSAGES = 100_000
 """Largest number of messages in a chunk."""
 MAX_MESSAGE_BYTES = 4 << 20
 """Largest message, which holds one reading of at most 200,000 taxels [bytes]."""
-MAX_UNPACKED_RATIO, FREE_UNPACKED_BYTES = 300, 64 << 20
+MAX_UNPACKED_RATIO = 300
+FREE_UNPACKED_BYTES = 64 << 20
 """Largest size before compression over the size of the file, beyond some bytes that are
 free. Scans that are all the same compress to a 170th."""
 MAX_TOPIC = 400
@@ -143,7 +144,8 @@ class McapReader:
 
         Only their heads are read. What follows a damaged chunk is not read at all.
         """
-        unpacked, limit = 0, FREE_UNPACKED_BYTES + MAX_UNPACKED_RATIO * size
+        unpacked = 0
+        limit = FREE_UNPACKED_BYTES + MAX_UNPACKED_RATIO * size
         file.seek(len(MAGIC))
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
@@ -437,7 +439,8 @@ class McapWriter:
             Opcode.ATTACHMENT_INDEX: self.attachments,
             Opcode.METADATA_INDEX: self.metadata,
         }
-        summary, offsets = b"", []
+        summary = b""
+        offsets = []
         for opcode, records in groups.items():
             data = encode_records(records)
             offsets.append(SummaryOffset(opcode, start + len(summary), len(data)))

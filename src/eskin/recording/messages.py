@@ -319,5 +319,6 @@ def repeat_message(
 
 def split_messages(messages: UInt8[np.ndarray, "reading byte"]) -> list[bytes]:
     """Return each message as bytes."""
-    whole, size = messages.tobytes(), messages.shape[1]
+    whole = messages.tobytes()
+    size = messages.shape[1]
     return [whole[i : i + size] for i in range(0, len(whole), size)]

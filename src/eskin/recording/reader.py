@@ -250,7 +250,8 @@ class Recording:
         """Read all scans into memory."""
         scans = list(self.scans())
         shears = [scan.shear for scan in scans if scan.shear is not None]
-        taxels, joints = self.skin.count, len(self.joint_names)
+        taxels = self.skin.count
+        joints = len(self.joint_names)
         has_shear = bool(scans) and len(shears) == len(scans)
         return ScanArrays(
             np.array([scan.stamp for scan in scans], dtype=np.int64),

@@ -440,7 +440,9 @@ def parse_range(entry: object, place: str, start: int) -> Label:
     text = " ".join(f"{entry}"[:MAX_ENTRY].split())
     if not isinstance(entry, dict) or set(entry) != {"start_s", "end_s", "gesture"}:
         raise RecordingError(f"{place} is {text}; allowed is such as {EXAMPLE_RANGE}")
-    first, last, gesture = entry["start_s"], entry["end_s"], entry["gesture"]
+    first = entry["start_s"]
+    last = entry["end_s"]
+    gesture = entry["gesture"]
     if not isinstance(gesture, str) or not all(
         isinstance(value, int | float) and 0 <= value < 1e9 for value in (first, last)
     ):

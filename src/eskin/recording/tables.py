@@ -89,7 +89,8 @@ def describe_touch(
 
 def describe_origin(recording: Recording) -> dict[str, str]:
     """Return the columns that say where a row is from."""
-    person, session = recording.metadata.subject, recording.metadata.session
+    person = recording.metadata.subject
+    session = recording.metadata.session
     return {"recording": recording.path.name, "person": person, "session": session}
 
 

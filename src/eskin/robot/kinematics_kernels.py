@@ -51,7 +51,8 @@ def add_joint_motion(
     value: float, motion: Float[np.ndarray, "4 3 4"], T: Float[np.ndarray, "4 4"]
 ) -> None:
     """Add the motion of a joint at a value [rad] or [m] to its frame at value 0."""
-    sine, half = math.sin(value), math.sin(0.5 * value)
+    sine = math.sin(value)
+    half = math.sin(0.5 * value)
     versine = 2.0 * half * half
     for r in range(3):
         for c in range(4):
@@ -69,7 +70,10 @@ def transform_to_world(
 ) -> None:
     """Replace T_parent_link by T_world_link in place."""
     for c in range(4):
-        x, y, z, one = T[0, c], T[1, c], T[2, c], T[3, c]
+        x = T[0, c]
+        y = T[1, c]
+        z = T[2, c]
+        one = T[3, c]
         for r in range(3):
             T[r, c] = (
                 T_world_parent[r, 0] * x

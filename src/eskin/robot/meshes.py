@@ -174,7 +174,8 @@ def parse_mesh(data: bytes, path: Path, place: str) -> TriangleMesh:
     ignored, as RViz, MoveIt and Pinocchio do: coordinates are those of the link.
     """
     trimesh = import_module("trimesh")
-    suffix, unit = path.suffix.lower(), 1.0
+    suffix = path.suffix.lower()
+    unit = 1.0
     if suffix == ".dae":
         check_collada(data, path, place)
     try:

@@ -96,7 +96,8 @@ def build_shape_mesh(shape: Shape, segments: int = 48) -> TriangleMesh:
         case Box():
             return build_box_mesh(shape)
         case Cylinder():
-            radius, height = shape.radius, shape.length / 2
+            radius = shape.radius
+            height = shape.length / 2
             profile = np.array([[radius, -height], [radius, height]])
             return revolve_profile(profile, height, segments)
         case Sphere():
@@ -138,7 +139,8 @@ def build_ring_faces(rings: int, segments: int) -> Int[np.ndarray, "face 3"]:
     """Build triangles between neighbouring rings, and from end rings to end points."""
     index = np.arange(rings * segments).reshape(rings, segments)
     right = np.roll(index, -1, axis=1)
-    bottom, top = rings * segments, rings * segments + 1
+    bottom = rings * segments
+    top = rings * segments + 1
     parts = [
         (index[:-1], right[:-1], right[1:]),
         (index[:-1], right[1:], index[1:]),

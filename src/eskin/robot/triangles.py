@@ -94,7 +94,8 @@ class TriangleTree:
             for axis in range(3):
                 code |= (ranks[:, axis] >> bit & 1) << (3 * bit + axis)
         order = np.argsort(code)
-        self.corners, centres = corners[order], centres[order]
+        self.corners = corners[order]
+        centres = centres[order]
         a, b, c = np.moveaxis(self.corners, 1, 0)
         lengths = np.max([np.sum(e**2, axis=1) for e in (b - a, c - b, a - c)], axis=0)
         vector_area = np.cross(b - a, c - a) / 2
@@ -165,12 +166,14 @@ class TriangleTree:
             least = dot(beyond, beyond)
             near = np.flatnonzero(least < wanted[point])
             # The largest triangle of a node bounds the distance from above.
-            tried, triangle = point[near], own.largest[node[near]]
+            tried = point[near]
+            triangle = own.largest[node[near]]
             found = find_nearest_points(self.corners[triangle], points[tried])
             square = np.sum((points[tried] - found) ** 2, axis=-1)
             np.minimum.at(best, tried, square)
             won = square == best[tried]
-            face[tried[won]], nearest[tried[won]] = triangle[won], found[won]
+            face[tried[won]] = triangle[won]
+            nearest[tried[won]] = found[won]
             loose = best > exact_to**2
             wanted[:] = np.where(loose, best / (1 + SLACK) ** 2, best)
             return least < wanted[point]

@@ -40,7 +40,8 @@ BASE_KINDS = ("floating", "planar")
 """Kinds of joints by which a robot may stand in the world; they are taken as fixed."""
 MAX_URDF_BYTES = 8 << 20
 """Largest size of a URDF [bytes]."""
-MAX_ELEMENTS, MAX_DEPTH = 100_000, 50
+MAX_ELEMENTS = 100_000
+MAX_DEPTH = 50
 """Largest number of XML elements, and of elements inside each other."""
 MAX_LINKS = MAX_JOINTS = 1000
 MAX_GEOMS = 2000
@@ -143,10 +144,12 @@ def compose_mimics(root: Element, joints: Sequence[Joint]) -> tuple[Joint, ...]:
     rules = {joint.name: joint.mimic for joint in joints}
     composed = []
     for joint, element in zip(joints, root.findall("joint"), strict=True):
-        rule, seen = joint.mimic, {joint.name}
+        rule = joint.mimic
+        seen = {joint.name}
         while rule and rule.joint not in seen and (other := rules.get(rule.joint)):
             seen.add(rule.joint)
-            factor, offset = rule.multiplier, rule.offset
+            factor = rule.multiplier
+            offset = rule.offset
             rule = Mimic(
                 other.joint, factor * other.multiplier, factor * other.offset + offset
             )
@@ -195,10 +198,12 @@ def parse_xml(data: bytes, path: Path) -> Element:
 
     A prefix is part of a name, declared or not, and a namespace without one is ignored.
     """
-    parser, tree = expat.ParserCreate(), LimitedTreeBuilder(path)
+    parser = expat.ParserCreate()
+    tree = LimitedTreeBuilder(path)
     parser.buffer_text = True
     parser.StartDoctypeDeclHandler = tree.refuse_doctype
-    parser.StartElementHandler, parser.EndElementHandler = tree.start, tree.end
+    parser.StartElementHandler = tree.start
+    parser.EndElementHandler = tree.end
     parser.CharacterDataHandler = tree.data
     try:
         parser.Parse(move_declaration(data), True)
@@ -223,7 +228,9 @@ class LimitedTreeBuilder(ElementTree.TreeBuilder):
     def __init__(self, path: Path) -> None:
         """Start without elements; the path is for messages."""
         super().__init__()
-        self.path, self.count, self.depth = path, 0, 0
+        self.path = path
+        self.count = 0
+        self.depth = 0
 
     def refuse_doctype(self, *_: object) -> None:
         """Refuse a document type: it can define entities that expand without end."""
@@ -233,7 +240,8 @@ class LimitedTreeBuilder(ElementTree.TreeBuilder):
 
     def start(self, tag: str, attrs: dict[str, str], /) -> Element:
         """Open an element."""
-        self.count, self.depth = self.count + 1, self.depth + 1
+        self.count = self.count + 1
+        self.depth = self.depth + 1
         if self.count > MAX_ELEMENTS or self.depth > MAX_DEPTH:
             raise RobotError(
                 f"{self.path} has more than {MAX_ELEMENTS:,} elements or {MAX_DEPTH} "

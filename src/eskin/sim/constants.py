@@ -206,7 +206,8 @@ def place_in_range(spread: Distribution, place: float) -> float:
     Between two positive numbers the logarithm grows evenly. To or from zero the number
     grows with the cube, so that it is near the typical one for most places.
     """
-    typical, end = spread.typical or 0.0, spread.high if place > 0.0 else spread.low
+    typical = spread.typical or 0.0
+    end = spread.high if place > 0.0 else spread.low
     if typical > 0.0 and end > 0.0:
         return typical * (end / typical) ** abs(place)
     return typical + (end - typical) * abs(place) ** 3

@@ -104,7 +104,8 @@ TAXELS_AT_ONCE = 1000
 """Number of taxels between two updates of the progress."""
 MAX_COINCIDENT = 64
 """Largest number of taxels in one point."""
-MAX_CLOSE, FREE_CLOSE = 10, 100_000
+MAX_CLOSE = 10
+FREE_CLOSE = 100_000
 """Largest mean number of taxels within `CheckConfig.min_taxel_distance` of one, beyond
 a number of pairs that is free."""
 
@@ -124,7 +125,8 @@ def check_crowding(skin: Skin, file: str) -> None:
     # The squares of distances must be finite.
     points = np.clip(skin.positions, -1e100, 1e100).round(6)
     _, counts = np.unique(np.column_stack([links, points]), axis=0, return_counts=True)
-    close, most = 0, MAX_CLOSE * skin.count + FREE_CLOSE
+    close = 0
+    most = MAX_CLOSE * skin.count + FREE_CLOSE
     if counts.max() <= MAX_COINCIDENT:
         for number in np.unique(links):
             on_link = points[links == number]
@@ -291,7 +293,8 @@ def compute_clearances(
     """
     from eskin.progress import track_progress
 
-    distances, cosines = np.zeros(skin.count), np.ones(skin.count)
+    distances = np.zeros(skin.count)
+    cosines = np.ones(skin.count)
     finite = are_near(skin)
     names = np.array(skin.link_names)[skin.patch_index]
     parts = [
@@ -328,7 +331,8 @@ def compare_neighbours(
     normals = np.zeros((skin.count, 3))
     for row_step, column_step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         beside = find_neighbours(skin, row_step, column_step)
-        known, axis = np.flatnonzero(beside >= 0), abs(row_step)
+        known = np.flatnonzero(beside >= 0)
+        axis = abs(row_step)
         other = beside[known]
         gap = np.linalg.norm(skin.positions[known] - skin.positions[other], axis=1)
         steps[axis, known] = np.minimum(steps[axis, known], gap)

@@ -31,7 +31,8 @@ from eskin.skin.taxel_table import (
 )
 
 GENTACT_HEAD = ("Index", "X", "Y", "Z", "Radius", "Parent")
-ELECTRODES, VERTICES = "Index,X (mm),Y (mm),Z (mm)", "Index,X,Y,Z,Object Name"
+ELECTRODES = "Index,X (mm),Y (mm),Z (mm)"
+VERTICES = "Index,X,Y,Z,Object Name"
 HEADS = (
     ",".join(GENTACT_HEAD),
     "Index,X,Y,Z,NormX,NormY,NormZ,Radius,Parent,Object Name in Blender",
@@ -103,7 +104,8 @@ def read_gentact(path: Path, name: str, robot: Robot, link: str | None = None) -
         scale = MM
     found: dict[tuple[str, str, str], list[Electrode]] = {}
     for each in electrodes:
-        on, patch = link or "", link or ""
+        on = link or ""
+        patch = link or ""
         if link is None:
             on, patch = find_parent(each.parent, robot, f"{path}: Index {each.index}")
         found.setdefault((on, each.skin or patch, each.skin), []).append(each)
@@ -125,7 +127,9 @@ def read_electrodes(
     A line with a name alone is the title of the skin that follows. One with another
     word in place of its index, such as CLIP, is the place of something else.
     """
-    names, skin, others = head.split(","), "", Counter()
+    names = head.split(",")
+    skin = ""
+    others = Counter()
     electrodes = []
     for number, line in enumerate(lines, 2):
         cells = dict(zip(names, line, strict=False))

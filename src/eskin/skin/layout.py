@@ -12,8 +12,11 @@ from eskin.skin.surfaces import Plane, Surface, Tube
 from eskin.transforms import make_transform
 
 Vector = tuple[float, float, float]
-X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-BACK, DOWN = (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)
+X = (1.0, 0.0, 0.0)
+Y = (0.0, 1.0, 0.0)
+Z = (0.0, 0.0, 1.0)
+BACK = (-1.0, 0.0, 0.0)
+DOWN = (0.0, 0.0, -1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,8 @@ def cut_corners(
     column, then at the last row's first and last column.
     """
     row, column = np.mgrid[:rows, :columns]
-    from_end, from_right = rows - 1 - row, columns - 1 - column
+    from_end = rows - 1 - row
+    from_right = columns - 1 - column
     corners = (row + column, row + from_right, from_end + column, from_end + from_right)
     return np.all([d >= cut for d, cut in zip(corners, cuts, strict=True)], axis=0)
 
@@ -153,7 +157,8 @@ class LinkPart:
 
     def surface(self, front: Vector, offset: float) -> Surface:
         """Return the surface with t = 0 at `offset` [m]; for `front` see an outline."""
-        z, x = np.array(self.axis), np.array(front)
+        z = np.array(self.axis)
+        x = np.array(front)
         t_axis = np.cross(z, x) if isinf(self.radius) else z
         rotation = np.column_stack([x, np.cross(z, x), z])
         pose = make_transform(rotation, np.array(self.centre) + offset * t_axis)
@@ -248,7 +253,8 @@ def build_outline_skin(
         )
     placed = []
     for number, outline in enumerate(outlines, 1):
-        part, grid = parts[outline.part], outline.grid()
+        part = parts[outline.part]
+        grid = outline.grid()
         patch = Patch(outline.name, part.link, number, grid.rows, grid.columns)
         if outline.name not in missing:
             placed.append((patch, grid, part.surface(outline.front, outline.offset)))

@@ -44,7 +44,8 @@ BARS = (0.05, 0.01)
 ROBOT_COLOUR = "#d8dade"
 SKIN_LIFT = 0.9
 """Distance by which taxels are drawn in front of the robot's surface, in taxels."""
-MAX_EDGE, EDGE_TAXELS = 0.02, 2.0
+MAX_EDGE = 0.02
+EDGE_TAXELS = 2.0
 """Largest edge of the triangles of which the robot is drawn [m], and in taxels."""
 MARGIN = 0.25
 """Width of the robot that is drawn around the skin [m]."""
@@ -318,7 +319,8 @@ def subdivide(
         longest = np.argmax(edges, axis=1)
         long = edges.max(axis=1) > max_edge
         done.append(triangles[~long])
-        triangles, longest = triangles[long], longest[long]
+        triangles = triangles[long]
+        longest = longest[long]
         each = np.arange(len(triangles))
         a, b, c = (triangles[each, (longest + step) % 3] for step in range(3))
         middle = (a + b) / 2

@@ -50,7 +50,8 @@ UR5_PARTS = {
 
 HALF_SHELL = (22, 16, 0.0098, 0.0096, (4, 4, 2, 2))
 """Rows, columns, their pitches [m], and cut corners; so for the shapes below."""
-WIDE, NARROW = 0.0076, 0.0066
+WIDE = 0.0076
+NARROW = 0.0066
 """Column pitches at the two ends of a trapezoid on the forearm [m]."""
 
 UR5_OUTLINES = (

@@ -75,7 +75,8 @@ class Skin:
 
     def __post_init__(self) -> None:
         """Raise where the shapes of the arrays do not match."""
-        count, vectors = len(self.patch_index), ("positions", "normals", "tangents")
+        count = len(self.patch_index)
+        vectors = ("positions", "normals", "tangents")
         for name in ("patch_index", "rows", "columns", "areas", *vectors):
             allowed = (count, 3) if name in vectors else (count,)
             if (got := np.shape(getattr(self, name))) != allowed:
@@ -195,7 +196,8 @@ class MountedSkin:
         """
         selected = np.arange(self.skin.count) if taxels is None else taxels
         rotations, _ = self.get_link_poses(q, selected)
-        x, z = self.skin.tangents[selected], self.skin.normals[selected]
+        x = self.skin.tangents[selected]
+        z = self.skin.normals[selected]
         return rotations @ np.stack([x, np.cross(z, x), z], axis=-1)
 
     def get_link_poses(

@@ -81,7 +81,8 @@ def read_tactile_sensor(sensor: Element, tactile: Element) -> PatchTaxels:
     T_link_sensor = read_origin(sensor, place)
     channel = tactile.get("channel")
     channel = None if channel is None else f"channel '{channel:.40}'"
-    arrays, taxels = tactile.findall("array"), tactile.findall("taxel")
+    arrays = tactile.findall("array")
+    taxels = tactile.findall("taxel")
     if len(arrays) + bool(taxels) != 1:
         raise RobotError(
             f"{place} has {len(arrays)} <array> and {len(taxels)} <taxel>; allowed is "
@@ -152,7 +153,9 @@ def read_taxels(
     """Read a list of taxels as a patch of one row."""
     if len(taxels) > MAX_TAXELS:
         raise RobotError(f"{place} has {len(taxels)} taxels; allowed: {MAX_TAXELS}")
-    columns, poses, areas = [], [], []
+    columns = []
+    poses = []
+    areas = []
     for taxel in taxels:
         (index,) = read_numbers(taxel, "idx", place, 1)
         if index != int(index) or not 0 <= index < MAX_SIDE:
@@ -255,7 +258,8 @@ def build_sensor(skin: Skin, patch: Patch) -> Element:
         number_taxels(skin, every)[taxels] if mixed else (number_taxels(skin, taxels))
     )
     for taxel, index in zip(taxels.tolist(), numbers.tolist(), strict=True):
-        x, z = skin.tangents[taxel], skin.normals[taxel]
+        x = skin.tangents[taxel]
+        z = skin.normals[taxel]
         rotation = np.column_stack([x, np.cross(z, x), z])
         pose = {
             "idx": str(index),
@@ -298,7 +302,9 @@ def describe_array(
     z = np.cross(x, y)
     if skin.normals[taxels[0]] @ z < 0:
         # The columns are counted the other way: the spacing is negative.
-        y, z, spacing = -y, -z, spacing * [1.0, -1.0]
+        y = -y
+        z = -z
+        spacing = spacing * [1.0, -1.0]
     ideal = first + rows[:, None] * along_rows + columns[:, None] * along_columns
     areas = skin.areas[taxels]
     same = (
@@ -325,5 +331,6 @@ def format_rpy(rotation: Float[np.ndarray, "3 3"]) -> str:
         yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
     else:
         # Roll and yaw are about one axis; all of it is yaw.
-        roll, yaw = 0.0, np.arctan2(-rotation[0, 1], rotation[1, 1])
+        roll = 0.0
+        yaw = np.arctan2(-rotation[0, 1], rotation[1, 1])
     return format_numbers([roll, pitch, yaw])

@@ -23,7 +23,8 @@ MAX_TAXELS = 200_000
 """Largest number of taxels of a skin."""
 MAX_TABLE_BYTES = 64 << 20
 """Largest size of a `taxels.csv` [bytes]."""
-MAX_ROW_LINES, MAX_LINE = 10, 200_000
+MAX_ROW_LINES = 10
+MAX_LINE = 200_000
 """Largest number of lines of one row, and of characters of one line."""
 MAX_PROBLEMS = 1000
 """Number of problems after which the rest of a table is not read."""
@@ -231,7 +232,8 @@ def describe_cell(where: str, column: str, text: str, allowed: str) -> str:
 
 def build_problem(error: BadCellError, row: dict[str, str]) -> SkinProblem:
     """Build the problem of a bad cell, with patch and taxel where they can be read."""
-    patch, taxel = row.get("patch", "").strip(), parse_integer(row.get("id", ""))
+    patch = row.get("patch", "").strip()
+    taxel = parse_integer(row.get("id", ""))
     return SkinProblem(str(error), patch or None, taxel)
 
 

@@ -12,7 +12,8 @@ from eskin.skin.skin import Skin
 CORNERS = ((0.2, 0.2), (0.2, 0.8), (0.8, 0.2))
 """Rows and columns of a patch's three targets, as fractions of its grid. Every rotation
 and reflection of a patch moves at least one of them."""
-MAX_ERROR, MAX_ERROR_FRACTION = 2.5, 0.28
+MAX_ERROR = 2.5
+MAX_ERROR_FRACTION = 0.28
 """Largest error of a press in rows or columns, and as a fraction of a small grid."""
 
 

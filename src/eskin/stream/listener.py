@@ -139,7 +139,8 @@ class BoundedQueue:
                     self.closed = closed[-MAX_CLOSED:]
                 return
             if isinstance(item, RecognitionState) and self.closed:
-                item, self.closed = item.add_closed(self.closed), ()
+                item = item.add_closed(self.closed)
+                self.closed = ()
             self.items.append(item)
             self.longest = max(self.longest, len(self.items))
             self.changed.notify_all()

@@ -48,7 +48,8 @@ class Recognition(Listener):
 
     def start(self, context: Context) -> None:
         """Raise a SkinMismatchError if the source has another skin or robot."""
-        mounted, info = self.recognizer.mounted, context.info
+        mounted = self.recognizer.mounted
+        info = context.info
         own = mounted.skin.count, tuple(mounted.robot.joint_names)
         given = info.skin.count, info.joint_names
         if own != given:

@@ -67,7 +67,8 @@ class RecordingFiles:
     def begin(self, info: SourceInfo) -> None:
         """Open the next file; raise a RecordingError if it cannot be written."""
         self.count += 1
-        path, metadata = self.path, self.metadata
+        path = self.path
+        metadata = self.metadata
         if self.piece_bytes is not None:
             path = path.with_name(f"{path.stem}-{self.count:04d}{path.suffix}")
             notes = metadata.notes | {"piece": str(self.count)}
@@ -222,7 +223,8 @@ class Recorder(Listener):
 
     def write_correction(self) -> None:
         """Write the latest correction as a label, if there is one."""
-        correction, self.correction = self.correction, None
+        correction = self.correction
+        self.correction = None
         if correction is not None and self.pieces.writer is not None:
             label = Label(correction.start, correction.end, correction.gesture)
             self.pieces.writer.write_label(label)
@@ -264,7 +266,8 @@ class Recorder(Listener):
 
     def describe_space(self) -> str:
         """Describe the free space, and the remedy."""
-        free, least = self.free(self.path.parent), self.config.least_free
+        free = self.free(self.path.parent)
+        least = self.config.least_free
         return (
             f"its disk has {free / 1e6:.0f} MB left; allowed are {least / 1e6:.0f} MB "
             "or more; free some space"

@@ -49,7 +49,10 @@ MIN_SLOT_SECONDS = 0.0125
 MIN_NOISE = 0.1
 """Smallest pressure that is taken for noise [kPa]."""
 BEGIN, END, LINK, PATCH, AGE, FORCE, AREA, PEAK, EVIDENCE = range(9)
-P_WORLD, N_WORLD, P_LINK, NEAR = 9, 12, 15, 18
+P_WORLD = 9
+N_WORLD = 12
+P_LINK = 15
+NEAR = 18
 """Columns of a row for each contact: the span of its taxels; link and patch of the most
 loaded one; the longest time for which one is active [ns]; values of `ContactRecord`,
 the first column of three for vectors; and for each contact whether the two are near."""
@@ -109,7 +112,8 @@ def compute_box(points: Points, box: Box) -> None:
         low, high = np.inf, -np.inf
         for a in range(len(points)):
             low, high = min(low, points[a, r]), max(high, points[a, r])
-        box[0, r], box[1, r] = low, high
+        box[0, r] = low
+        box[1, r] = high
 
 
 @compiled
@@ -430,7 +434,8 @@ def find_root(parents: Indices, i: int) -> int:
 @compiled
 def join_sets(parents: Indices, i: int, j: int) -> None:
     """Join the sets of two elements; the earlier one represents both."""
-    a, b = find_root(parents, i), find_root(parents, j)
+    a = find_root(parents, i)
+    b = find_root(parents, j)
     if a != b:
         parents[max(a, b)] = min(a, b)
 
@@ -612,7 +617,8 @@ def find_contacts(
             row[N_WORLD + r] += force * n_world[a, r]
         if force > largest[labels[a]] or k == row[BEGIN]:
             largest[labels[a]] = force
-            row[LINK], row[PATCH] = geometry[i].link, geometry[i].patch
+            row[LINK] = geometry[i].link
+            row[PATCH] = geometry[i].patch
     for row in rows:
         own = taxels[int(row[BEGIN]) : int(row[END])]
         row[EVIDENCE] = weigh_contact(own, reading, context)

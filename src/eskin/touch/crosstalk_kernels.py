@@ -39,7 +39,8 @@ rest conduct detours too, but do not show in pressures above rest. Touched taxel
 little by the factor."""
 EPSILON = 1e-9
 """Negligible conductance that prevents a division by zero."""
-LEAK, GHOST = 0, 1
+LEAK = 0
+GHOST = 1
 """Indices of the two coefficients: leakage along lines, and ghosts by detours."""
 MAX_ESTIMATE = (0.08, 0.15)
 """Largest value of each coefficient; a larger observation is due to a touch and is

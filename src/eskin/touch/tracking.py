@@ -42,7 +42,8 @@ MIN_LIFT_NS = round(LOW_SECONDS * NS_PER_S)
 """Smallest time without contact from which a contact counts as a new one [ns]; it must
 contain a reading."""
 
-by_force, by_track_force = attrgetter("force"), attrgetter("contact.force")
+by_force = attrgetter("force")
+by_track_force = attrgetter("contact.force")
 
 
 @final

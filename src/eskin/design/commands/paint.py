@@ -80,7 +80,8 @@ def run(command: PaintCommand) -> dict[str, object]:
             raise DeviceError(page.page.failure)
     finally:
         page.close()
-    written, is_saved = draft.written, draft.written is not original
+    written = draft.written
+    is_saved = draft.written is not original
     if is_saved:
         print(
             f"{command.spec}: {format_count(len(written.regions), 'region')}, "
@@ -151,8 +152,11 @@ class SpecDraft:
             robot: robot that is painted on.
             skin: folder of the skin of matrices.
         """
-        self.path, self.density = path, density
-        self.robot, self.skin, self.taxels = robot, skin, 0
+        self.path = path
+        self.density = density
+        self.robot = robot
+        self.skin = skin
+        self.taxels = 0
         self.placed: dict[PaintOrder, Skin] = {}
         self.original = self.written = original
 

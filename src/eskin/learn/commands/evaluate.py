@@ -286,7 +286,8 @@ def split_by_scoring(
     streams: list[Path] = []
     for path in paths:
         recording = read_recording(path)
-        simulated, stream = recording.metadata.simulated, is_stream(recording)
+        simulated = recording.metadata.simulated
+        stream = is_stream(recording)
         known = simulated or bool(recording.labels)
         if not simulated or not stream:
             clips.append(path)

@@ -327,7 +327,8 @@ class EventScore:
     @property
     def all_delays(self) -> Delays:
         """Return the delays of all matching detections."""
-        nothing, delays = np.empty(0), self.delays.values()
+        nothing = np.empty(0)
+        delays = self.delays.values()
         return Delays(
             np.concatenate([nothing, *(d.after_end for d in delays)]),
             np.concatenate([nothing, *(d.after_onset for d in delays)]),

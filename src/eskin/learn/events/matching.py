@@ -177,7 +177,8 @@ def find_candidates(
     """Return which detections fit which events in time and place."""
     fits = find_timely(events, detections, config)
     for event, n in np.argwhere(fits).tolist():
-        p_world, last = detections[n].p_world, detections[n].end
+        p_world = detections[n].p_world
+        last = detections[n].end
         distance = events[event].compute_distance(p_world, last, config.around)
         fits[event, n] = distance <= config.near
     return fits
@@ -231,7 +232,8 @@ class MatchedStream:
         """
         if event in self.matching.matched:
             return self.matching.matched[event]
-        true, detections = self.stream.events[event], self.stream.detections
+        true = self.stream.events[event]
+        detections = self.stream.detections
 
         def rank(d: int) -> tuple[bool, tuple[int, int]]:
             is_gesture = detections[d].gesture not in NO_GESTURE
@@ -271,7 +273,8 @@ class MatchedStream:
     @property
     def is_during_overlap(self) -> Bool[np.ndarray, "detection"]:
         """Return which detections fit an overlapping event in time."""
-        events, detections = self.stream.events, self.stream.detections
+        events = self.stream.events
+        detections = self.stream.detections
         timely = find_timely(events, detections, self.config)
         return np.any(timely[self.overlapping], axis=0, keepdims=True)[0]
 

@@ -130,6 +130,7 @@ def rate_score(score: EventScore, config: TuningConfig) -> tuple[bool, float]:
     The first is false where no gesture is detected.
     """
     is_fast = score.all_delays.latency(50) <= config.latency
-    total, accidents = score.total, score.accidents.mistaken
+    total = score.total
+    accidents = score.accidents.mistaken
     cost = total.missed + config.false * total.false + config.accident * accidents
     return is_fast, -cost / max(total.matched + total.missed, 1)

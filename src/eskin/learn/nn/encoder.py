@@ -97,8 +97,10 @@ def compute_edge_features(
     The first is the kinematic distance; with the next three it is the relative pose,
     which Jiang et al. 2025 (section IV-C2) name as an alternative to it alone.
     """
-    n_i, n_j = normals[targets, None].expand_as(r), gather_rows(normals, sources)
-    s_i, s_j = shear[targets, None].expand_as(r), gather_rows(shear, sources)
+    n_i = normals[targets, None].expand_as(r)
+    n_j = gather_rows(normals, sources)
+    s_i = shear[targets, None].expand_as(r)
+    s_j = gather_rows(shear, sources)
     pairs = ((r, r), (n_i, n_j), (n_i, r), (n_j, r), (s_i, r), (s_j, r))
     return torch.stack([(a * b).sum(dim=-1) for a, b in pairs], dim=-1)
 

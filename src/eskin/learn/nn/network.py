@@ -51,9 +51,11 @@ class PartialConvolution(nn.Module):
 
         The last output ends with the last slot; surplus slots are cut at the start.
         """
-        kernel, stride = self.conv.kernel_size[0], self.conv.stride[0]
+        kernel = self.conv.kernel_size[0]
+        stride = self.conv.stride[0]
         skipped = (x.shape[2] - kernel) % stride
-        x, present = x[:, :, skipped:], present[:, :, skipped:]
+        x = x[:, :, skipped:]
+        present = present[:, :, skipped:]
         count = conv1d(present, self.ones.to(x.dtype), stride=stride)
         scaled = self.conv(x * present) * (kernel / count.clamp(min=1.0))
         mask = (count > 0).to(x.dtype)

@@ -94,7 +94,8 @@ def read_shearsense_file(path: Path) -> ImportedClip:
     )
     label = Label(stamps[0], stamps[-1], NONE if gesture == NO_TOUCH else gesture)
     notes = {"source_file": f"{path.parent.name}/{path.name}", "rate": f"{RATE_HZ} Hz"}
-    subject, session = parse_participant(path, rest), parse_support(rest)
+    subject = parse_participant(path, rest)
+    session = parse_support(rest)
     metadata = Metadata("shearsense", subject, session, "shearsense", notes)
     name = re.sub(r"[^A-Za-z0-9]+", "_", f"{gesture}_{rest}").strip("_")
     return ImportedClip(name, metadata, scans, (label,))

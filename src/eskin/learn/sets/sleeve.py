@@ -29,7 +29,8 @@ from eskin.skin import load_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
-ROWS, COLUMNS = 19, 27
+ROWS = 19
+COLUMNS = 27
 STEP = 1.5
 FULL_SCALE = 170
 FLOOR_KPA = 10.0  # Worn tight, the sleeve rests at several nominal kPa.

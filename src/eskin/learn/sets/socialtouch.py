@@ -30,7 +30,8 @@ from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
-ROWS, COLUMNS = 19, 24
+ROWS = 19
+COLUMNS = 24
 PITCH = 0.010  # [m]
 FULL_SCALE = 255
 YEAR = 2022

@@ -191,7 +191,8 @@ def read_people(
         )
         scans: list[Scan] = []
         labels: list[Label] = []
-        stamp, received = START_NS, np.ones(rest.size, dtype=np.bool_)
+        stamp = START_NS
+        received = np.ones(rest.size, dtype=np.bool_)
         for part in parts:
             stamps = stamp + period * np.arange(len(part) + 1)
             pairs = zip(stamps[:-1].tolist(), counts[part], strict=True)
@@ -448,7 +449,8 @@ def load_npz(path: Path, file: BinaryIO, layout: TableLayout) -> Table:
     names = list(arrays)
     index = {f: find_column(path, names, n) for f, n in list_keys(layout).items()}
     keys = {field: arrays[names[number]] for field, number in index.items()}
-    trial, label = keys.get("trial 0"), keys["label"]
+    trial = keys.get("trial 0")
+    label = keys["label"]
     if trial is not None and len(label) != len(values):
         keys["label"] = label[trial]
     for field, column in keys.items():

@@ -95,7 +95,8 @@ class Dynamics:
 
     def build_model(self, robot_name: str) -> Any:  # noqa: ANN401 (a type of MuJoCo)
         """Build the robot's MuJoCo model, with servos in the order of `q`."""
-        mujoco, config = self.mujoco, self.config
+        mujoco = self.mujoco
+        config = self.config
         spec = mujoco.MjSpec.from_string(read_preset_urdf(robot_name))
         spec.compiler.fusestatic = False
         spec.option.timestep = config.step
@@ -109,7 +110,8 @@ class Dynamics:
                     "allowed with dynamics are links with masses; give it one"
                 )
         tool = spec.body(config.tool)
-        tool.mass, tool.ipos = config.payload, (0.0, 0.0, config.payload_offset)
+        tool.mass = config.payload
+        tool.ipos = (0.0, 0.0, config.payload_offset)
         tool.inertia = np.full(3, config.payload * config.payload_offset**2 / 3)
         tool.explicitinertial = True
         names = load_robot(robot_name).joint_names
@@ -117,7 +119,8 @@ class Dynamics:
             names, config.stiffness, config.damping, strict=True
         ):
             joint = spec.joint(name)
-            joint.armature, joint.actgravcomp = config.rotor_inertia, True
+            joint.armature = config.rotor_inertia
+            joint.actgravcomp = True
             servo = spec.add_actuator(name=name, target=name)
             servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
             servo.set_to_position(kp=stiffness, kv=damping)

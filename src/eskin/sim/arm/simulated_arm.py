@@ -126,7 +126,8 @@ class DynamicPlant(Plant):
     def advance(self, executor: TaskExecutor, seconds: float) -> None:
         """Advance the executor and the joints by one step [s]."""
         executor.advance(seconds)
-        trajectory, dynamics = executor.trajectory, self.dynamics
+        trajectory = executor.trajectory
+        dynamics = self.dynamics
         if self.stopped:
             trajectory.restart_from(self.q)
         dynamics.step(trajectory.q, trajectory.velocity)
@@ -137,7 +138,8 @@ class DynamicPlant(Plant):
 
     def is_overloaded(self, executor: TaskExecutor, seconds: float) -> bool:
         """Return whether a joint is too far off, or at its limit, for too long."""
-        dynamics, limits = self.dynamics, self.protective
+        dynamics = self.dynamics
+        limits = self.protective
         far = np.abs(executor.trajectory.q - self.q) > limits.deviation
         at_limit = np.abs(dynamics.torque) >= dynamics.effort
         longer = self.overload_seconds + seconds

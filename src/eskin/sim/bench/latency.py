@@ -104,7 +104,8 @@ class TimedEngine(TimedMethod):
     def run(self, count: int) -> list[float]:
         """Take the next steps; count those with contact, or all on an idle scene."""
         found: list[float] = []
-        push, clock = self.recognizer.push, time.perf_counter
+        push = self.recognizer.push
+        clock = time.perf_counter
         while len(found) < count:
             for item in self.scene.next_readings(min(count - len(found), 100)):
                 sample = self.build_sample(item.reading)
@@ -167,7 +168,8 @@ def pin_to_one_core() -> Iterator[None]:
             os.sched_setaffinity(0, all_cores)
 
 
-LIGHT_TAXELS, GRAB_TAXELS = 20, 83
+LIGHT_TAXELS = 20
+GRAB_TAXELS = 83
 """Active taxels of a light touch and of a full grab."""
 
 
@@ -205,7 +207,8 @@ def build_timed_engines(mounted: MountedSkin, active: int) -> list[TimedMethod]:
     skin = mounted.skin
     upper_arm = find_central_taxels(skin, "upper_arm_front", active)
     two = np.concatenate([find_forearm_taxels(skin, active), upper_arm])
-    touch, idle = find_forearm_taxels(skin, active), find_forearm_taxels(skin, 1)[:0]
+    touch = find_forearm_taxels(skin, active)
+    idle = find_forearm_taxels(skin, 1)[:0]
     calibration = build_sender_calibration(skin.count)
     scenes = (
         ("eskin", touch, None),

@@ -14,7 +14,8 @@ PANEL = (32, 64)
 PITCH = 0.008
 """Pitch of the panels' taxels [m], as on the ur5."""
 
-TOUCHED_S, LIFTED_S = 1.5, 0.6
+TOUCHED_S = 1.5
+LIFTED_S = 0.6
 """Duration of contact, then of no contact, so that each touch is closed [s]."""
 
 NOISE_KPA = 0.1

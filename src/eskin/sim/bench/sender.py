@@ -54,7 +54,8 @@ def build_touch_counts(mounted: MountedSkin) -> Int[np.ndarray, "scan taxel"]:
 
 def repeat_scans(counts: Int[np.ndarray, "scan taxel"], rate: float) -> Iterator[Scan]:
     """Repeat the same scans without end at a rate [1/s]."""
-    received, q = np.ones(counts.shape[1], bool), np.zeros(0)
+    received = np.ones(counts.shape[1], bool)
+    q = np.zeros(0)
     for number in count():
         seconds = number / rate
         row = counts[int(seconds * SCAN_RATE) % len(counts)]

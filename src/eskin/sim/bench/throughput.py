@@ -129,7 +129,8 @@ def measure_throughput(
     calibration = build_sender_calibration(mounted.skin.count)
     recognizer = Recognizer(load_model(SKIN), mounted, calibration)
     warm_up(recognizer)
-    recognition, clock = Recognition(recognizer), HostClock()
+    recognition = Recognition(recognizer)
+    clock = HostClock()
     joints = SwingingJoints(len(mounted.robot.joint_names))
     with run_sender(over, rate, clock) as transport:
         source = DeviceSource(transport, mounted, calibration, joints, clock, over)
@@ -138,18 +139,19 @@ def measure_throughput(
         with short_switch_interval(), Stream(source, [recognition]) as stream:
             stream.wait(SETTLE_S)
             recognition.age, recognition.step = DurationHistogram(), DurationHistogram()
-            first_detections, first_counts = (
-                recognition.detections,
-                count_losses(source, stream),
-            )
-            busy, start = time.process_time(), time.perf_counter()
+            first_detections = recognition.detections
+            first_counts = count_losses(source, stream)
+            busy = time.process_time()
+            start = time.perf_counter()
             stream.wait(seconds)
-            busy, wall = time.process_time() - busy, time.perf_counter() - start
+            busy = time.process_time() - busy
+            wall = time.perf_counter() - start
             after = count_losses(source, stream)
     gc.unfreeze()
     found = {key: after[key] - first_counts[key] for key in after}
     used = found.pop("used") / len(mounted.skin.patches)
-    age, lost = recognition.age, {key: n for key, n in found.items() if n}
+    age = recognition.age
+    lost = {key: n for key, n in found.items() if n}
     return ThroughputResult(
         over=over,
         asked_hz=rate,
@@ -202,11 +204,13 @@ def find_limit(over: TransportKind, rate: float) -> float:
     The rate is doubled until readings are dropped, then the span is halved. Each run is
     short.
     """
-    good, bad = 0.0, rate
+    good = 0.0
+    bad = rate
     while not measure_throughput(over, bad, SEARCH_RUN_S).dropped:
         if bad >= MAX_RATE:
             return float("inf")
-        good, bad = bad, min(2.0 * bad, MAX_RATE)
+        good = bad
+        bad = min(2.0 * bad, MAX_RATE)
     for _ in range(HALVINGS):
         middle = float(round((good + bad) / 2.0))
         if measure_throughput(over, middle, SEARCH_RUN_S).dropped:

@@ -49,7 +49,8 @@ def format_number(number: float) -> str:
 
 def run_throughput(command: ThroughputConfig) -> dict[str, object]:
     """Measure each transport in turn, print a table, and return its rows."""
-    rows, limits = [], {}
+    rows = []
+    limits = {}
     for over in command.transports:
         rows.append(measure_throughput(over, command.rate, command.seconds))
         if command.find_limit:

@@ -102,7 +102,8 @@ def build_charts(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]
     found: list[tuple[str, Surface, list[int]]] = []
     for index, patch in enumerate(skin.patches):
         taxels = np.flatnonzero(skin.patch_index == index)
-        positions, normals = skin.positions[taxels], skin.normals[taxels]
+        positions = skin.positions[taxels]
+        normals = skin.normals[taxels]
         for link, surface, members in found:
             gaps = surface.fit_errors(positions, normals)
             if link == patch.link and gaps.max(initial=0.0) < TOLERANCE:
@@ -118,7 +119,8 @@ def build_charts(mounted: MountedSkin, rim: float = np.inf) -> tuple[Chart, ...]
 
 def build_sheet_charts(mounted: MountedSkin, rim: float) -> tuple[Chart, ...]:
     """Build a chart of the sheet around each patch; see `build_charts`."""
-    skin, charts = mounted.skin, []
+    skin = mounted.skin
+    charts = []
     mesh = build_skin_mesh(skin)
     for index, patch in enumerate(skin.patches):
         own = np.flatnonzero(skin.patch_index == index)

@@ -121,7 +121,8 @@ def find_overlaps(
     count = 0
     for j in range(len(size)):
         reach = max(size[k, 0], size[k, 1]) + max(size[j, 0], size[j, 1])
-        ds, dr = centres[j, 0] - centres[k, 0], centres[j, 1] - centres[k, 1]
+        ds = centres[j, 0] - centres[k, 0]
+        dr = centres[j, 1] - centres[k, 1]
         if j != k and size[j, 0] > 0.0 and ds * ds + dr * dr < reach * reach:
             near[count] = j
             count += 1
@@ -141,7 +142,8 @@ def count_containing(
     """Count the ellipses of `near` that contain the point (s, r)."""
     count = 0
     for j in near:
-        ds, dr = s - ellipses.centres[t, j, 0], r - ellipses.centres[t, j, 1]
+        ds = s - ellipses.centres[t, j, 0]
+        dr = r - ellipses.centres[t, j, 1]
         ls, lt = ellipses.long_axes[t, j]
         u, v = (ds * lt - dr * ls) / size[j, 0], (ds * ls + dr * lt) / size[j, 1]
         if u * u + v * v < 1.0:
@@ -162,7 +164,8 @@ def project_step_on_dome(
     if away == 0.0:
         return ds, dt
     angle = away / dome
-    rs, rt = s / away, t / away
+    rs = s / away
+    rt = t / away
     radial = ds * rs + dt * rt
     round_it = (dt * rs - ds * rt) * np.sin(angle) / angle
     return radial * rs - round_it * rt, radial * rt + round_it * rs
@@ -196,7 +199,8 @@ def compute_taxel_pressure(
     """
     pressure = np.zeros((len(ellipses.peak_pressure), columns))
     for pair in range(len(pad_of)):
-        k, i = pad_of[pair], taxel_of[pair]
+        k = pad_of[pair]
+        i = taxel_of[pair]
         column = column_of[i]
         s, t = geometry.centres[i]
         cell = geometry.cells[i]
@@ -215,9 +219,13 @@ def compute_taxel_pressure(
                 ds -= geometry.circumference * np.round(ds / geometry.circumference)
             if ds * ds + dt * dt > (max(a, b) + reach) ** 2:
                 continue
-            x0, y0, x1, y1 = cell[0, 0], cell[0, 1], cell[1, 0], cell[1, 1]
+            x0 = cell[0, 0]
+            y0 = cell[0, 1]
+            x1 = cell[1, 0]
+            y1 = cell[1, 1]
             if geometry.dome_radius < np.inf:
-                mid_s, mid_t = s - 0.5 * ds, t - 0.5 * dt
+                mid_s = s - 0.5 * ds
+                mid_t = t - 0.5 * dt
                 ds, dt = project_step_on_dome(
                     mid_s, mid_t, ds, dt, geometry.dome_radius
                 )
@@ -225,8 +233,10 @@ def compute_taxel_pressure(
                 x1, y1 = project_step_on_dome(s, t, x1, y1, geometry.dome_radius)
             ls, lt = ellipses.long_axes[step, k]
             u, v = (ds * lt - dt * ls) / a, (ds * ls + dt * lt) / b
-            u0, v0 = (x0 * lt - y0 * ls) / a, (x0 * ls + y0 * lt) / b
-            u1, v1 = (x1 * lt - y1 * ls) / a, (x1 * ls + y1 * lt) / b
+            u0 = (x0 * lt - y0 * ls) / a
+            v0 = (x0 * ls + y0 * lt) / b
+            u1 = (x1 * lt - y1 * ls) / a
+            v1 = (x1 * ls + y1 * lt) / b
             fine = 1 if min(a, b) < fine_below * side else 0
             count = 2 + fine
             total = 0.0
@@ -264,7 +274,8 @@ def compute_movie_pressure(
     steps, rows, columns = movie.shape
     pressure = np.zeros((steps, len(geometry.centres)))
     for step in range(steps):
-        cosine, sine = np.cos(angle[step]), np.sin(angle[step])
+        cosine = np.cos(angle[step])
+        sine = np.sin(angle[step])
         for taxel in range(len(geometry.centres)):
             ds = geometry.centres[taxel, 0] - centre[step, 0]
             dt = geometry.centres[taxel, 1] - centre[step, 1]
@@ -355,7 +366,8 @@ def unroll_step(
     middle /= max(size, 1e-12)
     first = turn_vector(axes[i, 0], normals[i], middle)
     second = np.cross(middle, first)
-    s, t = dot(first, step), dot(second, step)
+    s = dot(first, step)
+    t = dot(second, step)
     flat = np.sqrt(s * s + t * t)
     if flat < 1e-12:
         return 0.0, 0.0
@@ -413,9 +425,12 @@ def unroll_mesh(
             axes[j] = start_axes
         else:
             s, t = unroll_step(positions, normals, axes, parent[j], j)
-            s, t = s + flat[parent[j], 0], t + flat[parent[j], 1]
+            s = s + flat[parent[j], 0]
+            t = t + flat[parent[j], 1]
             near = 0.3 * (length - best[parent[j]])
-            total, mean_s, mean_t = 0.0, 0.0, 0.0
+            total = 0.0
+            mean_s = 0.0
+            mean_t = 0.0
             first = np.zeros(3)
             for entry in range(starts[j], starts[j + 1]):
                 i = joined[entry]
@@ -423,7 +438,8 @@ def unroll_mesh(
                     continue
                 ds, dt = unroll_step(positions, normals, axes, i, j)
                 size = np.sqrt(ds * ds + dt * dt)
-                ds, dt = ds + flat[i, 0], dt + flat[i, 1]
+                ds = ds + flat[i, 0]
+                dt = dt + flat[i, 1]
                 if np.hypot(ds - s, dt - t) > near and i != parent[j]:
                     continue
                 weight = 1.0 / max(size, 1e-9)
@@ -431,7 +447,8 @@ def unroll_mesh(
                 mean_s += weight * ds
                 mean_t += weight * dt
                 first += weight * turn_vector(axes[i, 0], normals[i], normals[j])
-            flat[j, 0], flat[j, 1] = mean_s / total, mean_t / total
+            flat[j, 0] = mean_s / total
+            flat[j, 1] = mean_t / total
             first -= dot(first, normals[j]) * normals[j]
             axes[j, 0] = first / max(np.sqrt(dot(first, first)), 1e-12)
             axes[j, 1] = np.cross(normals[j], axes[j, 0])
@@ -443,6 +460,7 @@ def unroll_mesh(
             ds, dt = unroll_step(positions, normals, axes, j, i)
             onward = length + np.sqrt(ds * ds + dt * dt)
             if onward < best[i] and onward <= reach:
-                best[i], parent[i] = onward, j
+                best[i] = onward
+                parent[i] = j
                 heapq.heappush(waiting, (onward, i))
     return done, flat, axes

@@ -72,7 +72,8 @@ def compute_contact_ellipses(
 def compute_pad_offsets(press: Press) -> Points:
     """Return the pads' offsets from the centre, as arc lengths (s, t) [m]."""
     from_middle = press.pads.centres - press.pads.centres.mean(axis=0)
-    cos, sin = np.cos(press.angle)[:, None], np.sin(press.angle)[:, None]
+    cos = np.cos(press.angle)[:, None]
+    sin = np.sin(press.angle)[:, None]
     x, y = from_middle.T
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=2)
 
@@ -133,7 +134,8 @@ def compute_contact_areas(
 
     It is smaller on a rounder surface.
     """
-    pads, tissue = press.pads, press.tissue
+    pads = press.pads
+    tissue = press.tissue
     grown = tissue.area_scale * pads.area * loads**tissue.area_exponent
     flat = np.prod(1.0 / pads.radii, axis=1)
     rounder = np.sqrt(flat / np.prod(curvatures, axis=2))
@@ -300,7 +302,8 @@ def find_reachable_pairs(
     """Tell which pads may ever meet which taxels, by boxes around their paths."""
     loaded = ellipses.peak_pressure > 0.0
     used = np.any(loaded, axis=0)
-    centres, inside = ellipses.centres, loaded[..., None]
+    centres = ellipses.centres
+    inside = loaded[..., None]
     low = np.where(inside, centres, np.inf).min(axis=0, initial=FAR_DISTANCE)
     high = np.where(inside, centres, -np.inf).max(axis=0, initial=-FAR_DISTANCE)
     size = np.where(loaded, ellipses.semi_axes.max(axis=2), 0.0)
@@ -329,7 +332,8 @@ def build_quadrature() -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "2 3
 
     The weights sum to 1.
     """
-    nodes, weights = np.zeros((2, 3)), np.zeros((2, 3))
+    nodes = np.zeros((2, 3))
+    weights = np.zeros((2, 3))
     for row, count in enumerate((2, 3)):
         nodes[row, :count], weights[row, :count] = np.polynomial.legendre.leggauss(
             count
@@ -392,7 +396,8 @@ def compute_movie_centroid(
     """Return where the force acts, unrolled (s, t); the centre without force [m]."""
     from_middle = np.nan_to_num(find_middle(press.pressure) - press.middle)
     y, x = press.pitch * from_middle.T
-    cos, sin = np.cos(press.angle), np.sin(press.angle)
+    cos = np.cos(press.angle)
+    sin = np.sin(press.angle)
     offsets = np.column_stack([x * cos - y * sin, x * sin + y * cos])
     if isinstance(chart.surface, Dome):
         start = press.centre[:, None]

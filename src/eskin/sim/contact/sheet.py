@@ -100,7 +100,8 @@ class Sheet(Surface):
         length = np.linalg.norm(offset, axis=-1, keepdims=True)
         bent = offset * np.minimum(1.0, MAX_STEP / np.maximum(length, 1e-12))
         tilt = np.einsum("pkij,pkj->pki", self.curvatures[taxels], bent)
-        axes, normals = self.axes[taxels], self.normals[taxels]
+        axes = self.axes[taxels]
+        normals = self.normals[taxels]
         drop = 0.5 * np.sum(tilt * bent, axis=2, keepdims=True)
         drop += np.sum(tilt * (offset - bent), axis=2, keepdims=True)
         along = np.einsum("pki,pkij->pkj", offset, axes)
@@ -197,12 +198,15 @@ def compute_curvatures(
     It is the symmetric tensor that changes the normals as they do from a taxel to those
     within `REACH` around it, by least squares (as in Rusinkiewicz 2004).
     """
-    first, second = np.cross(skin.normals, skin.tangents), skin.tangents
+    first = np.cross(skin.normals, skin.tangents)
+    second = skin.tangents
     axes = np.stack([second, first], axis=1)
     i, j = pairs.T
     step = skin.positions[j] - skin.positions[i]
     near = np.linalg.norm(step, axis=1) <= REACH * np.maximum(sides[i], sides[j])
-    i, j, step = i[near], j[near], step[near]
+    i = i[near]
+    j = j[near]
+    step = step[near]
     x, y = np.einsum("pij,pj->pi", axes[i], step).T
     u, v = np.einsum("pij,pj->pi", axes[i], skin.normals[j] - skin.normals[i]).T
     # Two equations for each pair: u = k0 x + k1 y and v = k1 x + k2 y.

@@ -62,7 +62,8 @@ class SimulatedClip:
 @lru_cache(maxsize=16)
 def get_build(origin: BuildOrigin, env: SimEnvironment) -> SensorBuild:
     """Return the sensor build of an origin, cached."""
-    skin, constants = env.mounted.skin, env.constants
+    skin = env.mounted.skin
+    constants = env.constants
     return draw_build(origin.name, origin.kind, skin, constants, origin.rng())
 
 
@@ -108,7 +109,8 @@ SECONDS_PER_HOUR = 3600.0
 
 def add_events_to_stream(clip: SimulatedClip, setup: ClipSetup) -> SimulatedClip:
     """Return a stream with electrical events at random times, at a constant rate."""
-    constants, rng = setup.env.constants, setup.rng
+    constants = setup.env.constants
+    rng = setup.rng
     rate = constants.value("stream.electrical") / SECONDS_PER_HOUR
     for number in range(rng.poisson(rate * setup.plan.seconds)):
         onset = int(rng.integers(len(clip.counts)))
@@ -159,7 +161,8 @@ def make_clip(plan: ClipPlan, env: SimEnvironment) -> SimulatedClip:
 
 def simulate_touches(setup: ClipSetup, touches: tuple[TrueTouch, ...]) -> SimulatedClip:
     """Simulate touches on the robot of a clip, with the sensor of its plan."""
-    plan, env = setup.plan, setup.env
+    plan = setup.plan
+    env = setup.env
     build = get_build(plan.build, env)
     session = get_session(plan.session, build)
     scene = TouchScene(setup.q, touches)
@@ -184,7 +187,8 @@ def draw_clip_kind(
     if gesture == NONE and plan.moving and env.can_move:
         if rng.random() < constants.value("none.standing.share"):
             return str(rng.choice(STANDING_KINDS))
-    person, groups = get_person(plan.person, env), frozenset(plan.groups)
+    person = get_person(plan.person, env)
+    groups = frozenset(plan.groups)
     while True:
         kind = choose_kind(gesture, None, person, constants, rng, plan.difficulty)
         if kind != "self_contact" or can_touch_itself(env, groups):

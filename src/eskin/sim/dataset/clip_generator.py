@@ -89,7 +89,8 @@ class Simulator(ClipGenerator):
             self.env = build_environment(mount_skin(source, robot), constants)
         self.mounted = self.env.mounted if source == skin else mount_skin(skin, robot)
         wearer = describe_wearer(self.mounted)
-        self.robot_name, self.urdf = wearer.name, wearer.urdf
+        self.robot_name = wearer.name
+        self.urdf = wearer.urdf
         self.touches = None
         if recorded is not None:
             self.touches = read_recorded_touches(recorded.folder, recorded.grouped)
@@ -114,7 +115,9 @@ def draw_played_touch(setup: ClipSetup, touches: Sequence[RecordedTouch]) -> Tru
 
     One that is longer than the clip begins in it, and is cut at its end.
     """
-    plan, env, rng = setup.plan, setup.env, setup.rng
+    plan = setup.plan
+    env = setup.env
+    rng = setup.rng
     gesture = plan.gesture or ""
     chosen = draw_recorded_touch(touches, plan.person.name, gesture, rng)
     body = get_person(Origin(plan.person.name, (*plan.session.seed, 1)), env)

@@ -93,7 +93,8 @@ def write_on_cluster(
     machines.
     """
     task = ray.remote(num_cpus=1, max_retries=ALWAYS)(make_file)
-    version, left = digest_code(__name__), deque(sessions)
+    version = digest_code(__name__)
+    left = deque(sessions)
     waiting: deque[tuple[SessionPlan, Any]] = deque()
     while left or waiting:
         cores = int(ray.cluster_resources().get("CPU", 0))

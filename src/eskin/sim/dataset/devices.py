@@ -264,9 +264,11 @@ class DeviceSimulator(ClipGenerator):
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
         """Simulate the clip of a plan."""
-        rng, value = plan.rng(), self.constants.value
+        rng = plan.rng()
+        value = self.constants.value
         step = value("time.step")
-        lead, steps = round(value("clip.before") / step), round(plan.seconds / step)
+        lead = round(value("clip.before") / step)
+        steps = round(plan.seconds / step)
         pressure = np.zeros((lead + steps, self.device.fine.count))
         measured = np.zeros((lead + steps, self.device.skin.count))
         touch = None
@@ -308,7 +310,8 @@ class DeviceSimulator(ClipGenerator):
             if self.device.has_large_cells and kind in LIKE_A_POKE:
                 kind = "resting_hand"
         wanted = draw_wishes(kind or gesture, self.device, rng)
-        constants, difficulty = self.constants, plan.difficulty
+        constants = self.constants
+        difficulty = plan.difficulty
         touch = perform(
             gesture, kind, person, site, constants, rng, difficulty, None, wanted
         )
@@ -475,14 +478,16 @@ def read_out(
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "reading"], Int[np.ndarray, "reading taxel"]]:
     """Return the times of readings [s], and their counts."""
-    seconds, period = len(measured) * step, 1 / device.rate
+    seconds = len(measured) * step
+    period = 1 / device.rate
     known = np.arange(rng.uniform(0, period) - period, seconds, period)
     at = np.clip(np.rint(known / step).astype(np.int64), 0, len(measured) - 1)
     counts = measured[at] / device.full * device.counts
     if not device.binary:
         counts = counts + device.noise * rng.standard_normal(counts.shape)
     if device.reading == "own" or period <= USUAL_PERIOD:
-        times, counts = known[1:], counts[1:]
+        times = known[1:]
+        counts = counts[1:]
     else:
         times = np.arange(0, known[-1], USUAL_PERIOD)
         before = np.searchsorted(known, times, side="right") - 1

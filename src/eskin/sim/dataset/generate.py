@@ -49,7 +49,8 @@ class SetFolder:
             size = self.find_index_size(session_plan, kept)
             if size is None:
                 break
-            kept, done = kept + size, done + 1
+            kept = kept + size
+            done = done + 1
         if self.index.exists():
             os.truncate(self.index, kept)
         else:
@@ -187,7 +188,8 @@ def generate(
         raise ValueError(
             f"{workers} workers requested; allowed are 0 and above; change it"
         )
-    started, folder = time.monotonic(), Path(folder)
+    started = time.monotonic()
+    folder = Path(folder)
     if factory is None and settings.set_name == DEVICES:
         factory = DeviceFactory(settings.recorded)
     factory = factory or SimulatorFactory(settings.robot, settings.recorded)
@@ -211,7 +213,8 @@ def generate(
         except BaseException:
             archive.resume()
             raise
-    files, seconds = len(settings.sessions), time.monotonic() - started
+    files = len(settings.sessions)
+    seconds = time.monotonic() - started
     return GenerationResult(kept + made, made, files, seconds)
 
 
@@ -247,7 +250,8 @@ def write_sessions(
         return
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
-    left, waiting = deque(sessions), deque[Future]()
+    left = deque(sessions)
+    waiting = deque[Future]()
     pool = ProcessPoolExecutor(workers, context, start_worker, (stop,))
     try:
         while left or waiting:

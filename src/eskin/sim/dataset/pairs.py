@@ -110,7 +110,8 @@ def draw_meeting_poses(
         ValueError: no such poses were found.
     """
     value = env.constants.value
-    max_gap, min_separation = value("pairs.near") * MM, value("pairs.far") * MM
+    max_gap = value("pairs.near") * MM
+    min_separation = value("pairs.far") * MM
     poses = find_meeting_poses(env)
     low, high = compute_joint_limits(env)
     for _ in range(int(value("pairs.tries")) if len(poses) else 0):
@@ -138,7 +139,8 @@ def find_meeting_poses(env: SimEnvironment) -> Float[np.ndarray, "pose joint"]:
 
     They are always the same. Poses of the pool are rarely bent as far.
     """
-    value, elbow = env.constants.value, env.joint_index(ELBOW)
+    value = env.constants.value
+    elbow = env.joint_index(ELBOW)
     rng = np.random.default_rng(int(value("robot.pool_seed")))
     low, high = compute_joint_limits(env)
     count = int(value("pairs.pool"))
@@ -158,7 +160,8 @@ def find_separable_pairs(env: SimEnvironment) -> Bool[np.ndarray, "pair"]:
     widest = np.zeros(len(samples.pairs))
     for q in np.concatenate(list(build_pose_pool(env).any.values())):
         centres = transform_points(env, charts, samples.spheres[:, :3], env.poses(q))
-        first, second = centres[samples.pairs[:, 0]], centres[samples.pairs[:, 1]]
+        first = centres[samples.pairs[:, 0]]
+        second = centres[samples.pairs[:, 1]]
         widest = np.maximum(widest, np.linalg.norm(first - second, axis=1))
     return widest >= env.constants.value("pairs.far") * MM
 
@@ -178,7 +181,8 @@ def draw_bending_scenes(
     q = np.zeros((steps, 0))
     grabs = ()
     if plan.kind != "idle":
-        person, site = get_person(plan.person, env), draw_bending_site(env, rng)
+        person = get_person(plan.person, env)
+        site = draw_bending_site(env, rng)
         grab = perform_planned("grab", None, person, site, plan, env, rng)
         grabs = (shift_touch(grab, draw_onset(grab, plan, env, rng)),)
     presses = tuple(
@@ -205,7 +209,8 @@ def draw_merging_scenes(
     Raises:
         ValueError: no poses or touch were found.
     """
-    person, groups = get_person(plan.person, env), frozenset(plan.groups)
+    person = get_person(plan.person, env)
+    groups = frozenset(plan.groups)
     _, steps = count_clip_steps(plan, env)
     for _ in range(int(env.constants.value("pairs.tries"))):
         folded, apart, sites = draw_meeting_poses(env, groups, person, rng)
@@ -373,7 +378,8 @@ def simulate_pair(plan: ClipPlan, env: SimEnvironment) -> ClipPair:
     The plan is of either clip, the environment that of the first one.
     """
     assert plan.pair is not None
-    rng, kind = plan.rng(), plan.pair.kind
+    rng = plan.rng()
+    kind = plan.pair.kind
     scenes = SCENE_DRAWS[kind](plan, env, rng)
     lead, _ = count_clip_steps(plan, env)
     build = get_build(plan.build, env)
@@ -390,7 +396,8 @@ def build_second_clip(
     first: SimulatedClip, scenes: PairScenes, env: SimEnvironment, lead: int
 ) -> SimulatedClip:
     """Build a clip of the same counts with the ground truth of the second scene."""
-    scene, readings = scenes.second, len(first.counts)
+    scene = scenes.second
+    readings = len(first.counts)
     edges = find_reading_edges(lead, readings, (scene.steps - lead) / readings)
     truths = compute_true_series(
         *(scene, compute_touch_presses(scene, env), scenes.charts, scenes.mounted),

@@ -212,7 +212,8 @@ class SessionWriter:
         times = self.period * np.arange(len(clip.counts))
         period = self.period
         if clip.times is not None:
-            times, period = clip.times, float(np.median(np.diff(clip.times)))
+            times = clip.times
+            period = float(np.median(np.diff(clip.times)))
         stamps = start + np.rint(times * NS_PER_S).astype(np.int64)
         self.write_scans(stamps, clip, period)
         if number < 0:
@@ -227,7 +228,8 @@ class SessionWriter:
             clip.counts, clip.received, self.rest, self.calibration
         )
         self.peaks.append(peaks)
-        file, skin = self.session_plan.file, self.writer.skin.name
+        file = self.session_plan.file
+        skin = self.writer.skin.name
         self.rows.append(
             build_row(file, number, start, skin, self.touches, period, plan, clip)
         )
@@ -250,6 +252,7 @@ class SessionWriter:
 
     def finish(self) -> None:
         """Write the labels of the paper's labeller, with one threshold for the file."""
-        stamps, peaks = np.concatenate(self.stamps), np.concatenate(self.peaks)
+        stamps = np.concatenate(self.stamps)
+        peaks = np.concatenate(self.peaks)
         for label in label_automatically(stamps, peaks, self.ranges):
             self.writer.write_label(label)

@@ -9,7 +9,8 @@ from eskin.sim.people.recorded import RECORDED_CLASSES
 from eskin.sim.sensor.build import BuildKind
 from eskin.sim.sensor.flaws import FAMILIES
 
-ACCIDENTS, QUIET = "accidents", "quiet"
+ACCIDENTS = "accidents"
+QUIET = "quiet"
 """Kinds of streams: with accidental contacts only, and without any contact."""
 
 PairKind = Literal["bending", "merging"]
@@ -160,7 +161,8 @@ PAIRS = "pairs"
 """Name of the set of pairs of clips with the same counts but not the same label."""
 
 
-RECORDED, RECORDED_GROUPS = "recorded", "recorded-groups"
+RECORDED = "recorded"
+RECORDED_GROUPS = "recorded-groups"
 """Names of the sets of recorded people who touch a simulated skin."""
 
 RECORDED_SETS = {RECORDED: RECORDED_CLASSES, RECORDED_GROUPS: tuple(GROUPS)}

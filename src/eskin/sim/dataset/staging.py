@@ -131,7 +131,8 @@ def get_person(origin: Origin, env: SimEnvironment) -> Person:
 
 def draw_second_person(setup: ClipSetup) -> Person:
     """Draw who makes a second touch: another person, or the same one."""
-    plan, env = setup.plan, setup.env
+    plan = setup.plan
+    env = setup.env
     other = setup.rng.random() < env.constants.value("clip.company")
     company = plan.company if other and plan.company is not None else plan.person
     return get_person(company, env)
@@ -139,7 +140,8 @@ def draw_second_person(setup: ClipSetup) -> Person:
 
 def draw_kind(setup: ClipSetup, person: Person, gesture: str) -> str:
     """Draw a variant of a gesture by the weights of a person."""
-    constants, difficulty = setup.env.constants, setup.plan.difficulty
+    constants = setup.env.constants
+    difficulty = setup.plan.difficulty
     return choose_kind(gesture, None, person, constants, setup.rng, difficulty)
 
 
@@ -168,7 +170,9 @@ def perform_planned(
     rng: np.random.Generator,
 ) -> TrueTouch:
     """Perform a gesture with the difficulty and durations of a plan."""
-    constants, difficulty, regime = env.constants, plan.difficulty, plan.regime
+    constants = env.constants
+    difficulty = plan.difficulty
+    regime = plan.regime
     return perform(gesture, kind, person, site, constants, rng, difficulty, regime)
 
 
@@ -180,7 +184,8 @@ def draw_sites(
     q: Float[np.ndarray, "joint"],
 ) -> tuple[ContactSite, ContactSite | None]:
     """Draw the site of a touch, and a second one in some folded poses."""
-    env, rng = setup.env, setup.rng
+    env = setup.env
+    rng = setup.rng
     if kind == "self_contact":
         found = find_self_contact_sites(env, q)
         return found[rng.integers(len(found))], None
@@ -258,7 +263,8 @@ def draw_stream(setup: ClipSetup) -> tuple[TrueTouch, ...]:
     """Draw all touches of a stream, in order of onset."""
     if setup.plan.kind == QUIET:
         return ()
-    constants, rng = setup.env.constants, setup.rng
+    constants = setup.env.constants
+    rng = setup.rng
     quiet = constants.value("stream.quiet") / constants.value("time.step")
     last = len(setup.q) - round(quiet)
     person = get_person(setup.plan.person, setup.env)
@@ -285,7 +291,8 @@ def draw_next_touch(setup: ClipSetup, person: Person, at: int) -> TrueTouch:
     """Draw a touch whose contact begins at a step."""
     at = min(at, len(setup.q) - 1)
     if setup.plan.kind == ACCIDENTS:
-        gesture, kind = NONE, draw_accident(setup, at)
+        gesture = NONE
+        kind = draw_accident(setup, at)
     else:
         gesture = setup.env.constants.choose("stream.gestures", setup.rng)
         kind = draw_kind(setup, person, gesture)

@@ -91,7 +91,8 @@ class RecordButton(Listener):
     def release(self) -> None:
         """Finish the recording, if there is one."""
         with self.lock:
-            recorder, self.recorder = self.recorder, None
+            recorder = self.recorder
+            self.recorder = None
             if recorder is not None:
                 recorder.close()
                 self.saved = RecordingState(str(recorder.path), False)
@@ -135,8 +136,10 @@ class PageOrderHandler:
         stands still. Without a button nothing is recorded, and without a choice the
         skin stays.
         """
-        self.skin, self.arm = skin, arm
-        self.button, self.choice = button, choice
+        self.skin = skin
+        self.arm = arm
+        self.button = button
+        self.choice = choice
         self.dragged: dict[int, int] = {}
 
     def handle(self, order: Order) -> None:
@@ -244,7 +247,8 @@ def serve(
         StreamError: something failed while it ran.
     """
     # The same link throughout: an open page stays open when the skin is changed in it.
-    port, token = free_port(port), make_token()
+    port = free_port(port)
+    token = make_token()
     while True:
         choice = SkinChoice()
         page = ViewerConfig(port, touchable=True, token=token)
@@ -318,7 +322,8 @@ def run_demo(
     recognizer = Recognizer(model, skin.mounted, skin.calibration)
     warm_up(recognizer)
     warm_up_hand(config)
-    clock, recognition = WaitingClock(clock or HostClock()), Recognition(recognizer)
+    clock = WaitingClock(clock or HostClock())
+    recognition = Recognition(recognizer)
     metadata = Metadata("demo", "mouse", "browser", notes=PARTLY_LABELLED)
     button = RecordButton(Path.cwd(), metadata)
     with ExitStack() as stack:
@@ -400,7 +405,8 @@ def complete_page(
 def locate_places(task: Task) -> tuple[tuple[str, tuple[float, float, float]], ...]:
     """Return the places at which a task takes and brings parts, in the world [m]."""
     robot = load_robot(task.robot_name)
-    kinematics, tool = Kinematics(robot), robot.link_index(task.tool)
+    kinematics = Kinematics(robot)
+    tool = robot.link_index(task.tool)
     found = []
     for waypoint in task.waypoints:
         if waypoint.purpose is not None:

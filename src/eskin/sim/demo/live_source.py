@@ -105,7 +105,8 @@ class LiveSource(Source):
             missed = late // self.period
             self.skipped += missed
             self.due += missed * self.period
-        stamp, self.due = self.due, self.due + self.period
+        stamp = self.due
+        self.due = self.due + self.period
         self.before_scan(stamp)
         self.given += 1
         scan = self.skin.scan(stamp, self.joints.q_at(stamp))
@@ -184,7 +185,8 @@ class FaultStorm:
             self.skin.unplug(self.unplugged)
         else:
             self.skin.plug(self.unplugged)
-            self.unplugged, seconds = None, period - seconds
+            self.unplugged = None
+            seconds = period - seconds
         self.next_change = stamp + round(seconds * NS_PER_S)
 
     def corrupt(self, scan: Scan) -> Scan:

@@ -101,7 +101,9 @@ class InteractiveHand:
         self, env: SimEnvironment, person: Person, rng: np.random.Generator
     ) -> None:
         """Create a hand."""
-        self.env, self.person, self.rng = env, person, rng
+        self.env = env
+        self.person = person
+        self.rng = rng
         self.difficulty = env.constants.value("sets.difficulty")
         self.q = np.zeros(len(env.mounted.robot.joint_names))
         # Two locks, so that scans never wait while a touch is planned.
@@ -285,7 +287,8 @@ class InteractiveHand:
     ) -> TrueTouch:
         """Draw the touch of a person, on the touch's own clock."""
         site = self.find_site(gesture, kind, point, person)
-        constants, difficulty = self.env.constants, self.difficulty
+        constants = self.env.constants
+        difficulty = self.difficulty
         return perform(
             gesture, kind, person, site, constants, self.rng, difficulty, None
         )

@@ -68,7 +68,9 @@ class TouchPlayer:
 
     def scans(self) -> Iterator[Scan]:
         """Yield scans without end, the same ones every time."""
-        stamp, make, plan = self.start, self.generator.make, self.plan_segment
+        stamp = self.start
+        make = self.generator.make
+        plan = self.plan_segment
         with ThreadPoolExecutor(1, "player") as pool:
             pending = deque(pool.submit(make, plan(number)) for number in (0, 1))
             # Wait for the simulator's kernels to compile before the first scan.
@@ -112,7 +114,8 @@ def open_simulation(uris: Sequence[str], config: SourceConfig, clock: Clock) -> 
     Raises:
         DeviceError: the robot of the configuration is loaded already.
     """
-    robot, skin = config.robot, uris[0].partition(":")[2]
+    robot = config.robot
+    skin = uris[0].partition(":")[2]
     if isinstance(robot, Robot):
         raise DeviceError(
             f"source sim:{skin} is given with a robot that is loaded; allowed is its "

@@ -109,7 +109,8 @@ class InteractiveSkin:
         if seed < 0:
             raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
         self.env = load_environment(name, robot)
-        self.mounted, constants = self.env.mounted, self.env.constants
+        self.mounted = self.env.mounted
+        constants = self.env.constants
         self.wearer = describe_wearer(self.mounted)
         origin = f"build {DEMO_ROLE} {build_kind}"
         build = build or get_build(

@@ -56,7 +56,8 @@ class MotionTrack:
 
         A reading has `steps`; of the steps before it `kept` are kept.
         """
-        self.steps, self.kept = steps, kept
+        self.steps = steps
+        self.kept = kept
         self.past: Poses | None = None
         self.next_step = 0
 
@@ -173,16 +174,19 @@ class DraggedTouch(InteractiveTouch):
         self.fall = self.step / value("live.leaves")
         self.spring_rate = 1.0 / value("live.settles")
         self.max_speed = value("live.speed")
-        self.env, self.force = env, force
+        self.env = env
+        self.force = force
         self.pads, self.tissue = sample.draw_pads(sample.kind), sample.draw_tissue()
         self.turn = sample.draw("hand.turn")
-        self.chart, self.angle = sample.site.chart, sample.site.angle + self.turn
+        self.chart = sample.site.chart
+        self.angle = sample.site.angle + self.turn
         self.centre = np.array(sample.site.centre)
         self.target, self.speed = self.centre, np.zeros(2)
         steps = sample.count_steps(NOISE_SECONDS)
         self.noise = sample.draw_held_noise(steps)
         self.ripple = sample.draw_ripple(steps)
-        self.steps_done, self.level = 0, 0.0
+        self.steps_done = 0
+        self.level = 0.0
         self.lift_requested = self.lifting = False
         self.over = False
         self.touch = TrueTouch(
@@ -197,7 +201,8 @@ class DraggedTouch(InteractiveTouch):
         """Slide toward a site from now on; jump to it if it is on another chart."""
         target = np.array(site.centre)
         if site.chart != self.chart:
-            self.chart, self.angle = site.chart, site.angle + self.turn
+            self.chart = site.chart
+            self.angle = site.angle + self.turn
             self.centre, self.speed = target, np.zeros(2)
         away = target - self.centre
         away[:1] = self.env.charts[site.chart].wrap_s(away[:1])
@@ -229,7 +234,8 @@ class DraggedTouch(InteractiveTouch):
 
     def slide(self) -> bool:
         """Move one step as a critically damped spring; tell whether the pads slide."""
-        away, k = self.target - self.centre, self.spring_rate
+        away = self.target - self.centre
+        k = self.spring_rate
         # The scheme is implicit in time, so it is stable at any step.
         speed = (self.speed + self.step * k**2 * away) / (1.0 + k * self.step) ** 2
         fast = float(np.linalg.norm(speed))

@@ -198,7 +198,8 @@ class GestureSample:
 
     def draw_ripple(self, steps: int) -> Series:
         """Draw how the force of a sliding body varies, around 1."""
-        rate, depth = self.draw("slide.ripple_rate"), self.draw("slide.ripple")
+        rate = self.draw("slide.ripple_rate")
+        depth = self.draw("slide.ripple")
         return 1 + depth * draw_tremor(steps, self.step, rate, self.rng)
 
     def draw_held_noise(self, steps: int) -> Series:

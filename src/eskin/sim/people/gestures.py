@@ -46,7 +46,8 @@ def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
         shape = scale_to_peak(again, 1.0)
     series = scale_to_peak(shape * sample.draw_held_noise(steps), force)
     tissue = replace(sample.person.tissue, conformity=sample.draw("poke.conformity"))
-    path, angle = sample.draw_wander(steps), sample.draw_angle()
+    path = sample.draw_wander(steps)
+    angle = sample.draw_angle()
     if sample.kind == "knuckle":
         pads = build_body("knuckle", sample.constants)
     else:
@@ -56,7 +57,8 @@ def draw_poke(sample: GestureSample) -> tuple[Press, ...]:
 
 def press_again(sample: GestureSample, shape: Series) -> Float[np.ndarray, "longer"]:
     """Append a second push that begins before the first has left."""
-    share, dip = sample.draw("poke.again_share"), sample.draw("poke.again_dip")
+    share = sample.draw("poke.again_share")
+    dip = sample.draw("poke.again_dip")
     later = int(np.flatnonzero(shape >= dip)[-1]) + 1
     both = np.zeros(later + len(shape))
     both[: len(shape)] = shape
@@ -91,10 +93,12 @@ def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...
     for number in range(1, count):
         share = sample.draw("double_pat.second")
         firm.append(sample.record(f"force.{number}", force * share))
-    length, apart = sample.count_steps(contact), max(round(interval / sample.step), 1)
+    length = sample.count_steps(contact)
+    apart = max(round(interval / sample.step), 1)
     apart = max(apart, length)
     series = np.zeros((count - 1) * apart + length)
-    path, noise = sample.draw_wander(len(series)), sample.draw_held_noise(len(series))
+    path = sample.draw_wander(len(series))
+    noise = sample.draw_held_noise(len(series))
     for number, each in enumerate(firm):
         start = number * apart
         pat = scale_to_peak(
@@ -104,7 +108,8 @@ def draw_pats(sample: GestureSample, count: int, group: str) -> tuple[Press, ...
         if number:
             shift_hand(sample, path, start - apart + length, start)
     keep_contact(sample, series, min(firm), length // 2, len(series) - length // 2)
-    tissue, angle = sample.draw_tissue(), sample.draw_angle()
+    tissue = sample.draw_tissue()
+    angle = sample.draw_angle()
     return (sample.build_press(sample.draw_pads(group), series, path, tissue, angle),)
 
 
@@ -120,10 +125,8 @@ def draw_pat_interval(sample: GestureSample) -> float:
 
 def shift_hand(sample: GestureSample, path: np.ndarray, leave: int, land: int) -> None:
     """Write the hand's path between two pats, and where it then stays."""
-    length, direction = (
-        sample.draw("double_pat.shift"),
-        sample.record("shift", sample.rng.uniform(0, 2 * np.pi)),
-    )
+    length = sample.draw("double_pat.shift")
+    direction = sample.record("shift", sample.rng.uniform(0, 2 * np.pi))
     shift = length * np.array([np.cos(direction), np.sin(direction)])
     path[leave:land] += shift * build_minimum_jerk(max(land - leave, 1))[:, None]
     path[land:] += shift
@@ -155,7 +158,8 @@ def draw_hold(
     force = firmer * draw_force(sample, "grab.force", "grab", max_grip)
     steps = sample.count_steps(duration)
     smooth = round(sample.constants.value("force.smooth") / sample.step / 2)
-    rise, fall = sample.draw("grab.rise"), sample.draw("grab.fall")
+    rise = sample.draw("grab.rise")
+    fall = sample.draw("grab.fall")
     series = scale_to_peak(
         build_trapezoid(steps, rise, fall, smooth) * sample.draw_held_noise(steps),
         force,
@@ -164,7 +168,8 @@ def draw_hold(
     twist = sample.draw("grab.twist") * build_minimum_jerk(steps)
     series = np.minimum(series, max_grip * firmer)
     pads = sample.person.select_pads(group, sample.draw("grab.splay"))
-    tissue, angle = draw_closed_tissue(sample), draw_angle_across(sample) + twist
+    tissue = draw_closed_tissue(sample)
+    angle = draw_angle_across(sample) + twist
     return sample.build_press(pads, series, path, tissue, angle)
 
 
@@ -220,7 +225,8 @@ def draw_stroke(sample: GestureSample) -> tuple[Press, ...]:
     both = 0.0 if alone else sample.constants.value("stroke.both")
     if not sample.draw_event("both", both):
         return (build_stroke(sample, path, series),)
-    gap, share = sample.draw("stroke.both_gap"), sample.draw("stroke.both_share")
+    gap = sample.draw("stroke.both_gap")
+    share = sample.draw("stroke.both_share")
     aside = gap / 2 * np.array([direction[1], -direction[0]])
     return (
         build_stroke(sample, path - aside, share * series),

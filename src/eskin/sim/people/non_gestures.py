@@ -103,7 +103,8 @@ def draw_squeeze_hold(sample: GestureSample) -> tuple[Press, ...]:
 def draw_guiding(sample: GestureSample) -> tuple[Press, ...]:
     """Draw two hands that hold the arm and move it."""
     steps = sample.count_steps(sample.draw("none.guiding.hold"))
-    total, share = sample.draw("none.guiding.force"), sample.draw("none.guiding.share")
+    total = sample.draw("none.guiding.force")
+    share = sample.draw("none.guiding.share")
     # Both hands are along the tube, within its free run.
     low, high = sample.site.free_run
     gap = min(sample.draw("none.guiding.gap"), high - low)
@@ -127,7 +128,8 @@ def draw_guiding_hand(
     pads = sample.draw_pads("full_hand")
     path = sample.draw_wander(steps) + np.array([0.0, place])
     series = scale_to_peak(shape * swaying * sample.draw_held_noise(steps), force)
-    tissue, angle = draw_closed_tissue(sample), draw_angle_across(sample)
+    tissue = draw_closed_tissue(sample)
+    angle = draw_angle_across(sample)
     return sample.build_press(pads, series, path, tissue, angle)
 
 
@@ -189,7 +191,8 @@ def draw_standing_body(
     steps = len(path)
     whole = (steps - 1) * sample.step
     force = sample.record("force", sample.draw("none.brush.force"))
-    rise, fall = sample.draw("stroke.rise"), sample.draw("stroke.fall")
+    rise = sample.draw("stroke.rise")
+    fall = sample.draw("stroke.fall")
     shape = build_ramp(sample, steps, rise * whole, fall * whole)
     series = scale_to_peak(shape * sample.draw_leaning_noise(steps), force)
     angle = sample.record("angle", sample.rng.uniform(-np.pi, np.pi))

@@ -179,12 +179,10 @@ HAND_PADS = (
 )
 """Names of the pads of a hand, in order."""
 
-TIPS, THUMB, HEADS, HEEL = (
-    HAND_PADS[:4],
-    HAND_PADS[12:14],
-    HAND_PADS[14:17],
-    HAND_PADS[17:],
-)
+TIPS = HAND_PADS[:4]
+THUMB = HAND_PADS[12:14]
+HEADS = HAND_PADS[14:17]
+HEEL = HAND_PADS[17:]
 PAD_GROUPS: dict[str, tuple[str, ...]] = {
     "one_tip": HAND_PADS[:1],
     "two_tips": HAND_PADS[:2],
@@ -227,7 +225,8 @@ def build_hand(
     tip, base = np.column_stack(usual) * MM
     root = base * [across, up]
     thumbs = np.stack([root + (tip - base) * reach, root])
-    to_tip, angles = thumbs[0] - thumbs[1], np.zeros(len(HAND_PADS))
+    to_tip = thumbs[0] - thumbs[1]
+    angles = np.zeros(len(HAND_PADS))
     angles[12:14] = -np.arctan2(to_tip[0], to_tip[1])
     radii = [constants.array(f"hand.radius_{way}") for way in ("across", "along")]
     bases = constants.array("hand.finger_base") * MM * up
@@ -267,7 +266,8 @@ def splay_fingers(hand: ContactPads, angle: float) -> ContactPads:
 
     `angle` is that between neighbouring fingers [rad]; a negative one closes them.
     """
-    centres, turns = hand.centres.copy(), hand.angles.copy()
+    centres = hand.centres.copy()
+    turns = hand.angles.copy()
     thumb_side = np.sign(centres[0, 0] - centres[3, 0])
     for finger in range(len(FINGERS)):
         rows = np.arange(finger, 12, len(FINGERS))

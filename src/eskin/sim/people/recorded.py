@@ -153,7 +153,8 @@ def read_recorded_touches(
     return tuple(found)
 
 
-PHONE_COLUMNS, PHONE_PITCH = 15, 0.0041
+PHONE_COLUMNS = 15
+PHONE_PITCH = 0.0041
 """Columns of the screen of CapFingerId, and their distance [m]."""
 
 SHORTEST_STROKE = 0.025
@@ -171,7 +172,9 @@ def read_phone_touches(path: Path, first: int) -> list[RecordedTouch]:
     try:
         person = int(path.stem.removeprefix("P"))
         with np.load(path) as file:
-            frames, trials, rate = file["frames"], file["trial"], float(file["rate"])
+            frames = file["frames"]
+            trials = file["trial"]
+            rate = float(file["rate"])
             labels = file["labels"].tolist()
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise ImportSourceError(
@@ -288,7 +291,8 @@ def sample_movie(
     Pressure is a share of full scale. What is far from the contact in time is left out;
     the rest begins and ends with a rise from zero, and a fall to zero, in a reading.
     """
-    times, around = repetition.seconds, constants.value("recorded.around")
+    times = repetition.seconds
+    around = constants.value("recorded.around")
     first, last = times[repetition.touched][[0, -1]]
     kept = (times >= first - around) & (times <= last + around)
     period = float(np.median(np.diff(times)))

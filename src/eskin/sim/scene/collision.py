@@ -94,7 +94,8 @@ def build_collision_model(robot: Robot, min_distance: float) -> CollisionModel:
             for body in link.geoms
         )
         if height < -BELOW:
-            free, ground = free[:0], height
+            free = free[:0]
+            ground = height
         gaps = [
             compute_clearances(cylinders, pair[None], free, T[None], min_distance)[0, 0]
             for pair in pairs
@@ -146,7 +147,8 @@ def enclose_geom(body: Geom) -> list[EnclosingCylinder]:
     axes, the one that leaves the least volume of cylinders.
     """
     if isinstance(body.shape, Cylinder):
-        T, shape = body.T_link_shape, body.shape
+        T = body.T_link_shape
+        shape = body.shape
         return [(T[:3, 3], T[:3, 2], shape.radius, shape.length / 2)]
     mesh = build_geom_mesh(body)
     corners = mesh.vertices[mesh.faces]

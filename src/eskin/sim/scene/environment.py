@@ -70,7 +70,8 @@ class SimEnvironment:
         An arm stands on a table by its base, a robot that is small on its lowest point;
         a tall one stands on the floor.
         """
-        table, ground = self.constants.value("robot.table"), self.collision.ground
+        table = self.constants.value("robot.table")
+        ground = self.collision.ground
         if self.is_arm:
             return table
         robot = self.mounted.robot
@@ -122,7 +123,8 @@ def compute_surface_axes(
 ) -> tuple[Points, Points, Points, Points]:
     """Return position [m], unit axes of s and t, and outward normal in the world."""
     wrapped = chart.surface.wrap(centre)
-    R, p = T_world_link[..., :3, :3], T_world_link[..., :3, 3]
+    R = T_world_link[..., :3, :3]
+    p = T_world_link[..., :3, 3]
     s_axis, normal, position = (
         np.einsum("...ij,...j->...i", R, vectors)
         for vectors in (wrapped.tangents, wrapped.normals, wrapped.positions)

@@ -110,7 +110,8 @@ def find_fold_sites(
     for pair in np.argsort(gaps[0], kind="stable"):
         if not np.isfinite(gaps[0, pair]):
             break
-        charts, points = samples.pairs[pair], samples.points[nearest[0, pair]]
+        charts = samples.pairs[pair]
+        points = samples.points[nearest[0, pair]]
         middle = transform_points(env, charts, points, T_world_link).mean(axis=0)
         ahead = middle - view.shoulder
         first, second = (
@@ -195,7 +196,8 @@ def mirror_press(
 ) -> Press:
     """Return the mirrored press of the other side of the hand."""
     turn = second.angle + first.angle
-    cosine, sine = np.cos(turn), np.sin(turn)
+    cosine = np.cos(turn)
+    sine = np.sin(turn)
     s, t = (press.centre - np.array(first.centre)).T
     # A direction at an angle a from t is reflected to the angle turn - a.
     path = np.column_stack([-s * cosine - t * sine, t * cosine - s * sine])

@@ -36,15 +36,18 @@ def place_cylinders(
 ) -> tuple[Float[np.ndarray, "cylinder 3"], Float[np.ndarray, "cylinder 3"]]:
     """Return centres and axes in the world."""
     count = len(cylinders.links)
-    centres, axes = np.empty((count, 3)), np.empty((count, 3))
+    centres = np.empty((count, 3))
+    axes = np.empty((count, 3))
     for cylinder in range(count):
         T = T_world_link[cylinders.links[cylinder]]
         for i in range(3):
-            centre, axis = T[i, 3], 0.0
+            centre = T[i, 3]
+            axis = 0.0
             for j in range(3):
                 centre += T[i, j] * cylinders.centres[cylinder, j]
                 axis += T[i, j] * cylinders.axes[cylinder, j]
-            centres[cylinder, i], axes[cylinder, i] = centre, axis
+            centres[cylinder, i] = centre
+            axes[cylinder, i] = axis
     return centres, axes
 
 
@@ -64,7 +67,8 @@ def find_nearest_axis_points(
     """
     x, y, z = c[0] - e[0], c[1] - e[1], c[2] - e[2]
     ab = dot(a, b)
-    ar, br = x * a[0] + y * a[1] + z * a[2], x * b[0] + y * b[1] + z * b[2]
+    ar = x * a[0] + y * a[1] + z * a[2]
+    br = x * b[0] + y * b[1] + z * b[2]
     flat = 1.0 - ab * ab
     u = 0.0
     if flat > 1e-12:
@@ -184,7 +188,8 @@ def compute_clearances(
         centres, axes = place_cylinders(cylinders, T_world_link[pose])
         low = np.inf
         for cylinder in free:
-            radius, half = cylinders.radii[cylinder], cylinders.half_lengths[cylinder]
+            radius = cylinders.radii[cylinder]
+            half = cylinders.half_lengths[cylinder]
             extent = compute_extent((0.0, 0.0, 1.0), axes[cylinder], radius, half)
             low = min(low, centres[cylinder, 2] - extent)
         least = np.inf
@@ -201,7 +206,8 @@ def compute_clearances(
                 min(exact_within, least),
             )
             least = min(least, gap)
-        found[pose, 0], found[pose, 1] = least, low
+        found[pose, 0] = least
+        found[pose, 1] = low
     return found
 
 
@@ -229,7 +235,8 @@ def compute_point_distances(
             )
             length = compute_distance(p, at)
             if length < found[i]:
-                found[i], which[i] = length, cylinder
+                found[i] = length
+                which[i] = cylinder
     return found, which
 
 
@@ -273,12 +280,18 @@ def find_facing_points(
         for chart in range(len(links)):
             T = T_world_link[pose, links[chart]]
             x, y, z = transform_point(T, spheres[chart, :3], 1.0)
-            middles[chart, 0], middles[chart, 1], middles[chart, 2] = x, y, z
+            middles[chart, 0] = x
+            middles[chart, 1] = y
+            middles[chart, 2] = z
             for i in range(starts[chart], starts[chart + 1]):
                 x, y, z = transform_point(T, points[i], 1.0)
-                world[i, 0], world[i, 1], world[i, 2] = x, y, z
+                world[i, 0] = x
+                world[i, 1] = y
+                world[i, 2] = z
                 x, y, z = transform_point(T, normals[i], 0.0)
-                world[i, 3], world[i, 4], world[i, 5] = x, y, z
+                world[i, 3] = x
+                world[i, 4] = y
+                world[i, 5] = z
         for pair in range(len(pairs)):
             one, other = pairs[pair]
             apart = 0.0
@@ -309,7 +322,8 @@ def find_facing_points(
                     if a[3] * b[3] + a[4] * b[4] + a[5] * b[5] > -cosine:
                         continue
                     best = square
-                    which[pose, pair, 0], which[pose, pair, 1] = i, j
+                    which[pose, pair, 0] = i
+                    which[pose, pair, 1] = j
             if which[pose, pair, 0] >= 0:
                 gaps[pose, pair] = np.sqrt(best)
     return gaps, which

@@ -94,7 +94,8 @@ def move_press_on_link(
     """Return a press with its hand at `q_now` where its target was at `q_then`."""
     link = env.links[press.chart]
     chart = env.charts[press.chart]
-    T_now, T_then = env.poses(q_now)[:, link], env.poses(q_then)[:, link]
+    T_now = env.poses(q_now)[:, link]
+    T_then = env.poses(q_then)[:, link]
     p_then, s_then, t_then, _ = compute_surface_axes(chart, press.centre, T_then)
     p_now, s_now, t_now, _ = compute_surface_axes(chart, press.centre, T_now)
     # Only the displacement in the tangent plane counts, so hands never enter a tube.
@@ -321,7 +322,9 @@ def draw_pose_path(
     It pauses in poses of `groups`.
     """
     at = draw_pose(env, groups, rng)
-    parts, length, wanted = [], 0, count_steps(env, seconds)
+    parts = []
+    length = 0
+    wanted = count_steps(env, seconds)
     while length < wanted:
         pause = hold_pose(env, at, env.constants.draw("motion.pause", rng))
         move = draw_next_move(env, at, groups, rng)

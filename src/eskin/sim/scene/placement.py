@@ -37,12 +37,14 @@ def has_room_for_hand(
     A stroke needs a free run, a grab room round the tube over the whole hand, and other
     gestures room for a finger that comes from outside.
     """
-    value, link = env.constants.value, env.links[site.chart]
+    value = env.constants.value
+    link = env.links[site.chart]
     if law == "stroke":
         low, high = site.free_run
         if high - low < value("place.stroke_run") * MM:
             return False
-    needed, offsets = value("place.room") * MM, np.zeros((1, 2))
+    needed = value("place.room") * MM
+    offsets = np.zeros((1, 2))
     if law == "grab":
         around = ALONG_HAND * value("hand.length") * MM
         along = ACROSS_HAND * value("hand.breadth") * MM
@@ -203,7 +205,8 @@ def draw_target(
     # All of a narrow skin is near an edge.
     chances = inner if inner.any() else edge
     region = int(rng.choice(len(REGIONS), p=chances / chances.sum()))
-    drawn, seam = rng.random(), env.constants.value("place.seam")
+    drawn = rng.random()
+    seam = env.constants.value("place.seam")
     kind = EDGE if drawn < seam + env.constants.value("place.edge") else INNER
     targets = by_kind[region, SEAM if drawn < seam else kind, needed]
     if not len(targets):
@@ -226,7 +229,8 @@ def compute_target_weights(
     all_targets = env.targets
     links = np.array(env.links)[all_targets.chart[targets]]
     T = view.T_world_link[links]
-    R, p = T[:, :3, :3], T[:, :3, 3]
+    R = T[:, :3, :3]
+    p = T[:, :3, 3]
     positions = np.einsum("tij,tj->ti", R, all_targets.positions[targets]) + p
     normals = np.einsum("tij,tj->ti", R, all_targets.normals[targets])
     to_person = view.shoulder - positions
@@ -254,7 +258,8 @@ def draw_point_on_target(
 ) -> Float[np.ndarray, "2"]:
     """Draw a point (s, t) of a target that is near an edge if the target is [m]."""
     targets = env.targets
-    middle, kind = targets.unrolled[index], targets.kind[index]
+    middle = targets.unrolled[index]
+    kind = targets.kind[index]
     point = middle + rng.uniform(-1.0, 1.0, 2) @ targets.half_cells[index]
     if kind == SEAM:
         return point

@@ -29,7 +29,9 @@ POSE_GROUPS = frozenset(range(1, 13))
 UNGROUPED = 0
 """Group of all poses of a robot that is not such an arm."""
 
-FOREARM, LIFT, ELBOW = "forearm_link", "shoulder_lift_joint", "elbow_joint"
+FOREARM = "forearm_link"
+LIFT = "shoulder_lift_joint"
+ELBOW = "elbow_joint"
 FIRST_GROUPS = np.array([9, 1, 5])
 """First group of a forearm that hangs, is level or rises."""
 
@@ -105,7 +107,8 @@ def build_pose_pool(env: SimEnvironment) -> PosePool:
         int(count) for count in env.constants.array("robot.pool")
     )
     folded = find_folded_poses(env, q)
-    q_folded, folded_group = q[folded], group[folded]
+    q_folded = q[folded]
+    folded_group = group[folded]
     touching, touching_group = draw_touching_poses(env, q, group, touching_count, rng)
     every = resolve_groups(env, POSE_GROUPS)
 
@@ -234,7 +237,8 @@ def draw_from_groups(
     return q
 
 
-UNTOUCHED_POSES, UNTOUCHED_TARGETS = 8, 24
+UNTOUCHED_POSES = 8
+UNTOUCHED_TARGETS = 24
 """Number of poses, and of targets of each link, by which untouched links are found."""
 
 
@@ -244,7 +248,8 @@ def find_untouched_links(env: SimEnvironment) -> tuple[str, ...]:
     In some poses of the pool every target of such a link, of those that are tried, is
     too high or too low for people of average size, or has no room for a finger.
     """
-    value, table = env.constants.value, env.base_height
+    value = env.constants.value
+    table = env.base_height
     low, high = env.constants.array("place.height") - table
     room = value("place.room") * MM / 2
     rng = np.random.default_rng(0)

@@ -106,7 +106,8 @@ def sum_pressure(
 
 def find_contact_steps(touch: TrueTouch) -> tuple[int, int]:
     """Return the first step with force and the step after the last, on its clock."""
-    firsts, ends = [], []
+    firsts = []
+    ends = []
     for press in touch.presses:
         pressed = np.flatnonzero(press.force > 0)
         if len(pressed):
@@ -259,12 +260,15 @@ def compute_true_series(
     for number, touch in enumerate(scene.touches):
         if not touch.presses:
             continue
-        force, area = np.zeros(scene.steps), np.zeros(scene.steps)
+        force = np.zeros(scene.steps)
+        area = np.zeros(scene.steps)
         moment = np.zeros((scene.steps, 3))
         force_on: dict[str, float] = {}
         for press in touch_presses[number]:
-            chart, field = charts[press.press.chart], press.field
-            link, total = chart.link, float(field.force.sum())
+            chart = charts[press.press.chart]
+            field = press.field
+            link = chart.link
+            total = float(field.force.sum())
             force[press.span] += field.force
             area[press.span] += field.area
             p_link = chart.surface.wrap(field.centroid).positions

@@ -13,9 +13,12 @@ from eskin.sim.contact.sheet import Sheet
 from eskin.skin import Skin, Tube
 
 REGIONS = ("forearm", "upper_arm", "wrists")
-SLIDE, CLOSE = 1, 2
+SLIDE = 1
+CLOSE = 2
 """What a place must allow: that a hand slides along it, or closes round it."""
-INNER, EDGE, SEAM = 0, 1, 2
+INNER = 0
+EDGE = 1
+SEAM = 2
 TARGET_BLOCK = 1024
 """Targets whose distances are held in memory at a time."""
 QUARTERS = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
@@ -152,12 +155,15 @@ def find_patch_edges(skin: Skin, chart: Chart) -> PatchEdges:
             cells=chart.cells[near],
             others=chart.others[near],
         )
-    patch, rows = skin.patch_index[chart.taxels], skin.rows[chart.taxels]
+    patch = skin.patch_index[chart.taxels]
+    rows = skin.rows[chart.taxels]
     columns = skin.columns[chart.taxels]
     taken = set(zip(patch.tolist(), rows.tolist(), columns.tolist(), strict=True))
-    points, outward = [], []
+    points = []
+    outward = []
     for axis, (row_step, column_step) in enumerate(((0, 1), (1, 0))):
-        along, across = chart.cells[:, axis], chart.cells[:, 1 - axis]
+        along = chart.cells[:, axis]
+        across = chart.cells[:, 1 - axis]
         for sign in (-1, 1):
             beside = zip(
                 patch.tolist(),
@@ -221,7 +227,8 @@ def find_seams(
     chart: Chart, edges: PatchEdges, widest: float
 ) -> Float[np.ndarray, "target 2"]:
     """Find the points (s, t) midway between edges that face each other [m]."""
-    points, outward = edges.points, edges.outward
+    points = edges.points
+    outward = edges.outward
     # Around a tube, points are repeated a turn before and a turn after.
     turns = (0.0,) if np.isinf(chart.circumference) else (0.0, -1.0, 1.0)
     whole = chart.circumference if len(turns) > 1 else 0.0

@@ -64,7 +64,8 @@ def are_collision_free(
 ) -> Bool[np.ndarray, "pose"]:
     """Tell in which poses links keep clear of each other and of the table."""
     value = env.constants.value
-    least, low = value("robot.clearance") * MM, value("robot.table_clearance") * MM
+    least = value("robot.clearance") * MM
+    low = value("robot.table_clearance") * MM
     gap, height = env.collision.compute_clearance(T_world_link, least).T
     return (gap >= least) & (height >= low) & is_tool_above_table(env, T_world_link)
 
@@ -86,7 +87,8 @@ def find_tool(robot: Robot) -> int:
     for name in robot.link_names:
         link = name
         while link in parent_of:
-            depth[name], link = depth[name] + 1, parent_of[link]
+            depth[name] = depth[name] + 1
+            link = parent_of[link]
     deepest = max(depth.values())
     return max(i for i, name in enumerate(robot.link_names) if depth[name] == deepest)
 
@@ -119,7 +121,8 @@ def find_self_contact_sites(
 
     The angle of such a site is along the other link.
     """
-    T_world_link, cylinders = env.poses(q), env.collision.cylinders
+    T_world_link = env.poses(q)
+    cylinders = env.collision.cylinders
     found = []
     for chart in range(len(env.charts)):
         gaps, nearest = find_self_pressed_taxels(env, chart, T_world_link)
@@ -194,14 +197,17 @@ def bend_joints(
     ]
     close = np.stack(gaps, axis=1) < low
     hits = np.flatnonzero(close.any(axis=1) & ~close[:, 0])
-    q, joints, signs = q[hits], joints[hits], signs[hits]
+    q = q[hits]
+    joints = joints[hits]
+    signs = signs[hits]
     hit = turns[np.argmax(close[hits], axis=1)] * signs
     away = hit - step * signs
     for _ in range(BISECTIONS):
         middle = (away + hit) / 2
         gap = compute_link_gaps(env, turn_joints(q, joints, middle), high)
         apart = gap >= (low + high) / 2
-        away, hit = np.where(apart, middle, away), np.where(apart, hit, middle)
+        away = np.where(apart, middle, away)
+        hit = np.where(apart, hit, middle)
     bent = turn_joints(q, joints, away)
     gap = compute_link_gaps(env, bent, 2 * high)
     return bent[(gap >= low) & (gap <= high)]

@@ -170,10 +170,8 @@ def assemble_family_build(name: str, draw: FlawDraw, skin: Skin) -> SensorBuild:
     """Draw all parts of a build of a family; a cast sensor spreads pressure more."""
     film = "film.sigma_covered" if draw.family == "linear" else "film.sigma"
     half = draw.take_product("scale")
-    exponent, activation = (
-        draw.take_product("exponent"),
-        draw.take_product("activation"),
-    )
+    exponent = draw.take_product("exponent")
+    activation = draw.take_product("activation")
     electronics = draw_family_electronics(draw, skin)
     return SensorBuild(
         name=name,

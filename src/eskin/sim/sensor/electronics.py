@@ -120,7 +120,8 @@ CURVES: dict[str, Curve] = {
 
 def draw_family_electronics(draw: FlawDraw, skin: Skin) -> Electronics:
     """Draw the readout of a build of a family."""
-    constants, rng = draw.constants, draw.rng
+    constants = draw.constants
+    rng = draw.rng
     is_logarithmic = CURVES[draw.family] == "logarithmic"
     span = draw.take_product("span") if is_logarithmic else 0.0
     best = draw.take_product("bits")

@@ -126,7 +126,8 @@ def add_electrical_event(
             f"electrical event '{kind}' is unknown; allowed are "
             f"{', '.join(ELECTRICAL_EVENTS)}; take one of them"
         )
-    counts, received = counts.copy(), received.copy()
+    counts = counts.copy()
+    received = received.copy()
     readings = len(counts)
     if onset is None:
         onset = int(constants.draw("sensor.electrical.onset", rng) * readings)

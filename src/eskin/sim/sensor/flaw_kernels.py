@@ -42,7 +42,8 @@ def lag_conductance(
     steps, live = conductance.shape
     processes = len(release.creep_part)
     for a in range(live):
-        signal, crept = state.signal[a], state.crept[a]
+        signal = state.signal[a]
+        crept = state.crept[a]
         for t in range(steps):
             x = np.float64(conductance[t, a])
             part = release.rise_part if x > signal else release.fall_part
@@ -53,7 +54,8 @@ def lag_conductance(
                 left += crept[k]
             shown = max(signal, release.residue * left)
             if x == 0.0 and shown < MIN_SHOWN:
-                signal, shown = 0.0, 0.0
+                signal = 0.0
+                shown = 0.0
                 crept[:] = 0.0
             conductance[t, a] = shown
         state.signal[a] = signal
@@ -82,7 +84,8 @@ def couple_levels(
         taxel = arrays.taxel[m]
         cells = np.zeros((rows + 2, columns + 2), np.float32)
         for r in range(len(level)):
-            along, across = np.zeros(rows, np.float32), np.zeros(columns, np.float32)
+            along = np.zeros(rows, np.float32)
+            across = np.zeros(columns, np.float32)
             total = np.float32(0.0)
             for i in range(rows):
                 for j in range(columns):
@@ -151,7 +154,8 @@ def move_rest(
             offset[i] += drift.warming[i]
             out[r, i] = offset[i] + drift.line_noise[i] * shared[r, drift.line[i]]
         for k in range(len(drift.keep)):
-            keep, step = np.float32(drift.keep[k]), np.float32(drift.step[k])
+            keep = np.float32(drift.keep[k])
+            step = np.float32(drift.step[k])
             for i in range(out.shape[1]):
                 is_up = (words[r, k, i >> 6] >> np.uint64(i & 63)) & one
                 moved = keep * slow[k, i] + (step if is_up else -step)

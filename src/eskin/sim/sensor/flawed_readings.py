@@ -64,11 +64,15 @@ class FlawedReadings:
         rng: np.random.Generator,
     ) -> None:
         """Begin before the first step."""
-        self.flaws, self.stages, self.rng = flaws, stages, rng
+        self.flaws = flaws
+        self.stages = stages
+        self.rng = rng
         self.full = build.electronics.full_scale
-        self.period, self.step = build.electronics.period, build.electronics.step
+        self.period = build.electronics.period
+        self.step = build.electronics.step
         self.patch = skin.patch_index
-        self.patches, self.count = len(skin.patches), skin.count
+        self.patches = len(skin.patches)
+        self.count = skin.count
         part = stages.ghosting
         self.coupling = Coupling(
             flaws.neighbours * part, flaws.column_leak * part, flaws.row_leak * part
@@ -116,7 +120,8 @@ class FlawedReadings:
 
     def draw_block(self) -> FlawBlock:
         """Draw a block of readings."""
-        rng, flaws = self.rng, self.flaws
+        rng = self.rng
+        flaws = self.flaws
         words = rng.integers(
             2**WORD_BITS,
             size=(NOISE_BLOCK, len(flaws.drift), self.count // WORD_BITS + 1),
@@ -176,7 +181,8 @@ class FlawedReadings:
         if self.given and within == 0:
             self.block = self.draw_block()
         self.given += readings
-        part, block = slice(within, within + readings), self.block
+        part = slice(within, within + readings)
+        block = self.block
         reading, taxel, size = block.corrupt
         inside = (reading >= part.start) & (reading < part.stop)
         return FlawBlock(

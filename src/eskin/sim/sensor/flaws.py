@@ -142,8 +142,10 @@ class FlawDraw:
         check_names("family", [family], FAMILIES)
         check_names("flaw", levels or (), FLAWS)
         check_names("level", (levels or {}).values(), ("typical", "high"))
-        self.family, self.levels = family, levels
-        self.constants, self.rng = constants, rng
+        self.family = family
+        self.levels = levels
+        self.constants = constants
+        self.rng = rng
 
     def has(self, flaw: str) -> bool:
         """Tell whether the build has a flaw."""
@@ -198,7 +200,8 @@ def draw_flaws(draw: FlawDraw, skin: Skin, noise: float, full_scale: int) -> Fla
 
     `noise` is that of its readout at rest, by full scale.
     """
-    constants, take = draw.constants, draw.take
+    constants = draw.constants
+    take = draw.take
     is_capacitive = draw.family == "capacitive"
     intermittent = np.flatnonzero(draw_some(draw, skin, "intermittent"))
     swings = [constants.draw("flaw.intermittent_swing", draw.rng) for _ in intermittent]
@@ -256,7 +259,8 @@ def draw_some(draw: FlawDraw, skin: Skin, flaw: str) -> Bool[np.ndarray, "taxel"
 
 def draw_noise_factor(draw: FlawDraw, skin: Skin) -> Float[np.ndarray, "taxel"]:
     """Draw the noise of taxels over the median taxel's; a share of them is noisy."""
-    constants, rng = draw.constants, draw.rng
+    constants = draw.constants
+    rng = draw.rng
     scatter = constants.value("flaw.noise_scatter") * draw.has("noisy_taxels")
     factor = np.exp(scatter * rng.standard_normal(skin.count))
     share = draw.take("noisy_taxels", "noisy_taxels")

@@ -27,7 +27,9 @@ def add_ghosts(
     and for one detour, and never less than the network's own conductance.
     """
     rows, columns = conductance.shape
-    along, across, total = np.zeros(rows), np.zeros(columns), 0.0
+    along = np.zeros(rows)
+    across = np.zeros(columns)
+    total = 0.0
     for i in range(rows):
         for j in range(columns):
             cell = np.float64(conductance[i, j])
@@ -37,7 +39,8 @@ def add_ghosts(
     for i in range(rows):
         for j in range(columns):
             own = np.float64(conductance[i, j])
-            there, back = along[i] - own, across[j] - own
+            there = along[i] - own
+            back = across[j] - own
             between = total - along[i] - across[j] + own
             if (
                 there > MIN_DETOUR_CONDUCTANCE
@@ -57,7 +60,8 @@ def add_leak(
 ) -> None:
     """Add to each cell a part of all others of its row and column."""
     rows, columns = conductance.shape
-    along, across = np.zeros(rows, np.float32), np.zeros(columns, np.float32)
+    along = np.zeros(rows, np.float32)
+    across = np.zeros(columns, np.float32)
     for i in range(rows):
         for j in range(columns):
             along[i] += conductance[i, j]
@@ -163,21 +167,21 @@ def update_conductance(
         shift: written, relative to full scale.
     """
     steps, live = conductance.shape
-    operators, processes = len(layer.play_widths), len(layer.creep_part)
+    operators = len(layer.play_widths)
+    processes = len(layer.creep_part)
     for a in range(live):
-        positions, crept, slow = (
-            state.play_positions[a],
-            state.creep[a],
-            state.slow_creep[a],
-        )
-        rest, largest = max(layer.load[a], 0.0), state.max_load[a]
-        loaded, touched = state.loaded[a], state.touched[a]
-        last_output, power = state.play_output[a], state.power[a]
-        peak, shifted, touches = (
-            state.peak[a],
-            state.baseline_shift[a],
-            state.touches[a],
-        )
+        positions = state.play_positions[a]
+        crept = state.creep[a]
+        slow = state.slow_creep[a]
+        rest = max(layer.load[a], 0.0)
+        largest = state.max_load[a]
+        loaded = state.loaded[a]
+        touched = state.touched[a]
+        last_output = state.play_output[a]
+        power = state.power[a]
+        peak = state.peak[a]
+        shifted = state.baseline_shift[a]
+        touches = state.touches[a]
         for t in range(steps):
             push = pressure[t, column[a]] if column[a] >= 0 else 0.0
             q = max(layer.load[a] + push / layer.half_pressure, 0.0)
@@ -233,13 +237,13 @@ def update_conductance(
             conductance[t, a] = value
             shift[t, a] = shifted
         state.max_load[a] = largest
-        state.loaded[a], state.touched[a] = loaded, touched
-        state.play_output[a], state.power[a] = last_output, power
-        state.peak[a], state.baseline_shift[a], state.touches[a] = (
-            peak,
-            shifted,
-            touches,
-        )
+        state.loaded[a] = loaded
+        state.touched[a] = touched
+        state.play_output[a] = last_output
+        state.power[a] = power
+        state.peak[a] = peak
+        state.baseline_shift[a] = shifted
+        state.touches[a] = touches
 
 
 class TaxelArrays(NamedTuple):
@@ -289,7 +293,9 @@ class Converter(NamedTuple):
     """Span of a logarithmic converter."""
 
 
-IN_PROPORTION, DIVIDER, LOGARITHMIC = 0, 1, 2
+IN_PROPORTION = 0
+DIVIDER = 1
+LOGARITHMIC = 2
 """Curves of converters, from conductance to a level relative to full scale."""
 
 
@@ -410,10 +416,13 @@ def convert_to_counts(
         readout: converter.
         out: counts, written.
     """
-    full, walk = np.float32(readout.full), np.float32(readout.walk)
-    part, added = np.float32(readout.noise_relative), np.float32(readout.touched_noise)
+    full = np.float32(readout.full)
+    walk = np.float32(readout.walk)
+    part = np.float32(readout.noise_relative)
+    added = np.float32(readout.touched_noise)
     added *= added
-    zero, half = np.float32(0.0), np.float32(0.5)
+    zero = np.float32(0.0)
+    half = np.float32(0.5)
     squares = readout.noise * readout.noise
     for r in range(len(level)):
         if added > zero:

@@ -131,7 +131,8 @@ def build_sensor_layer(
     after: Float[np.ndarray, "touch taxel"],
 ) -> SensorLayer:
     """Build the laminate under the live taxels, with the stages that work."""
-    velostat, electronics = build.velostat, build.electronics
+    velostat = build.velostat
+    electronics = build.electronics
     gain = np.ones(len(live))
     if stages.gain:
         gain = (velostat.gain * session.gain)[live]
@@ -161,14 +162,18 @@ def build_sensor_layer(
 
 def build_readout(build: SensorBuild, stages: SensorStages) -> Readout:
     """Build the converter, with the stages that work."""
-    electronics, defects = build.electronics, build.defects
+    electronics = build.electronics
+    defects = build.defects
     full = electronics.full_scale
     stuck = np.where(np.isnan(defects.stuck), -1.0, np.round(full * defects.stuck))
     sensitivity = np.where(defects.dead & stages.faults, 0.0, 1.0)
-    factor, touched_noise, cut = np.ones(len(stuck)), 0.0, 0
+    factor = np.ones(len(stuck))
+    touched_noise = 0.0
+    cut = 0
     if build.flaws:
         factor = build.flaws.noise_factor * np.sqrt(1.0 - build.flaws.line_noise)
-        touched_noise, cut = full * build.flaws.touched_noise, build.flaws.cut
+        touched_noise = full * build.flaws.touched_noise
+        cut = build.flaws.cut
     return Readout(
         full=float(full),
         base=(electronics.base * full).astype(np.float32),
@@ -194,7 +199,8 @@ def compute_touched_level(
     build: SensorBuild, stages: SensorStages
 ) -> Float[np.ndarray, "taxel"]:
     """Return the level from which a taxel has the noise of a touched one."""
-    velostat, electronics = build.velostat, build.electronics
+    velostat = build.velostat
+    electronics = build.electronics
     load = np.maximum(compute_free_load(build, stages), 0.0)
     grown = 1.0 + velostat.creep.sum(axis=1)
     rest = velostat.gain * load**velostat.exponent * grown
@@ -230,18 +236,17 @@ def compute_taxel_ages(
     if not stages.skew:
         return np.zeros(skin.count)
     rows = np.array([patch.rows for patch in skin.patches])[skin.patch_index]
-    phase, scan = build.electronics.phase, build.electronics.scan
+    phase = build.electronics.phase
+    scan = build.electronics.scan
     return phase[skin.patch_index] + scan * (1.0 - skin.rows / rows)
 
 
 def build_layer_state(layer: SensorLayer) -> LayerState:
     """Build the state of an untouched laminate; bent taxels have crept already."""
     rest = np.maximum(layer.load, 0.0)
-    live, operators, processes = (
-        len(rest),
-        len(layer.play_widths),
-        len(layer.creep_part),
-    )
+    live = len(rest)
+    operators = len(layer.play_widths)
+    processes = len(layer.creep_part)
     crept = np.repeat((rest > 0.0).astype(np.float64)[:, None], processes, axis=1)
     return LayerState(
         play_positions=np.zeros((live, operators)),

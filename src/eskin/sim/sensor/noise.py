@@ -45,7 +45,8 @@ class ReadingNoise:
 
         `streams` draw scan times, steps of walks, and noise.
         """
-        self.patches, self.taxels = patches, taxels
+        self.patches = patches
+        self.taxels = taxels
         self.streams = streams
         self.drawn = self.draw()
         self.given = 0
@@ -96,7 +97,8 @@ class ReadingLosses:
         stages: SensorStages,
     ) -> None:
         """Begin before the first reading."""
-        self.share, self.run = defects.dropped, defects.dropped_run
+        self.share = defects.dropped
+        self.run = defects.dropped_run
         self.works = stages.faults and self.share > 0.0
         self.patches = patches
         self.rng = rng
@@ -106,7 +108,8 @@ class ReadingLosses:
     def draw_all(self, readings: int) -> Lost:
         """Draw which readings get lost among so many, after which there are no more."""
         chance = self.rng.random((readings + 1, self.patches))
-        self.gone, self.has_begun = chance[-1] < self.share, True
+        self.gone = chance[-1] < self.share
+        self.has_begun = True
         return self.draw_losses(chance[:-1])
 
     def draw_next(self) -> Lost:

@@ -60,7 +60,8 @@ def compute_cover(
         at each step, from 0 to 1.
     """
     touching = np.minimum(pressure / TOUCHING, 1.0)
-    found, covers = [], []
+    found = []
+    covers = []
     for patch in np.unique(skin.patch_index[taxels]):
         own = skin.patch_index[taxels] == patch
         every = np.flatnonzero(skin.patch_index == patch)

@@ -139,11 +139,13 @@ class Sensor:
         column[taxels] = np.arange(len(taxels))
         kept = min(self.kept, len(self.conductance))
         shape = (kept + len(pressure), len(self.live))
-        conductance, shift = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        conductance = np.zeros(shape, np.float32)
+        shift = np.zeros(shape, np.float32)
         conductance[:kept] = self.conductance[len(self.conductance) - kept :]
         shift[:kept] = self.shift[len(self.shift) - kept :]
         self.first = self.steps - kept
-        self.conductance, self.shift = conductance, shift
+        self.conductance = conductance
+        self.shift = shift
         update_conductance(
             np.asarray(pressure, np.float64),
             column[self.live],
@@ -174,7 +176,8 @@ class Sensor:
             )
         noise = self.noise.draw_rows(len(places))
         shape = (len(places), self.count)
-        level, shifts = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        level = np.zeros(shape, np.float32)
+        shifts = np.zeros(shape, np.float32)
         scan_arrays(
             self.conductance,
             self.shift,

@@ -78,7 +78,8 @@ def draw_velostat(
     Activations and exponents lie about the mean of their patch, gains about its gain;
     creep is the same within a patch.
     """
-    value, normal = constants.value, rng.standard_normal
+    value = constants.value
+    normal = rng.standard_normal
     half_pressure = constants.draw(f"sensor.half_pressure.{kind}", rng)
     share = constants.draw(f"sensor.bent.{kind}", rng)
     bend = draw_bend(share, f"sensor.bend.{kind}", skin, constants, rng)
@@ -90,7 +91,8 @@ def draw_velostat(
     creep = constants.array("sensor.creep")
     scatter = np.log(value(f"sensor.creep_scatter.{kind}"))
     creep = creep * np.exp(scatter * normal((len(skin.patches), len(creep))))
-    patches, taxels = normal(len(skin.patches)), normal(skin.count)
+    patches = normal(len(skin.patches))
+    taxels = normal(skin.count)
     between = value(f"sensor.gain_patch.{kind}") * patches[skin.patch_index]
     return replace(
         build_nominal_velostat(skin, constants),
@@ -108,7 +110,8 @@ def draw_velostat(
 
 def get_normal_law(name: str, constants: Constants) -> tuple[float, float]:
     """Return mean and deviation of a constant that is drawn again in every session."""
-    law, factor = constants.get_constant(name).spread, constants.factors.get(name, 1.0)
+    law = constants.get_constant(name).spread
+    factor = constants.factors.get(name, 1.0)
     if law is None or law.mean is None or law.sd is None:
         raise ValueError(f"constant '{name}' has no normal law; give it mean and sd")
     return law.mean * factor, law.sd * factor
@@ -228,7 +231,8 @@ def draw_family_activation(
     if not draw.has("activation"):
         return np.full(skin.count, device)
     value = draw.constants.value
-    between, inside = value("flaw.activation_patch"), value("sensor.activation_scatter")
+    between = value("flaw.activation_patch")
+    inside = value("sensor.activation_scatter")
     return device * between**patches * inside**taxels
 
 

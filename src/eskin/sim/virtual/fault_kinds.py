@@ -113,7 +113,8 @@ class Reorder(PacketFault):
 class Delay(PacketFault):
     """Packets arrive late by the amount [s]."""
 
-    default, max_amount = 0.1, S_PER_HOUR
+    default = 0.1
+    max_amount = S_PER_HOUR
 
     def __init__(self, spec: FaultSpec, rng: np.random.Generator) -> None:
         """Prepare the fault."""
@@ -204,14 +205,18 @@ class Unplug(ModuleAbsence):
 class Reboot(ModuleAbsence):
     """Modules reboot, and are away for the amount [s]."""
 
-    default, max_amount, has_end = 0.2, S_PER_MONTH, False
+    default = 0.2
+    max_amount = S_PER_MONTH
+    has_end = False
 
 
 @final
 class Replace(ModuleAbsence):
     """Modules with other serial numbers take their place after the amount [s]."""
 
-    default, max_amount, has_end = 0.2, S_PER_MONTH, False
+    default = 0.2
+    max_amount = S_PER_MONTH
+    has_end = False
 
     def bring_back(self, patch: VirtualPatch, at: int) -> None:
         """Power up another module."""
@@ -241,7 +246,9 @@ class InstantModuleFault(ModuleFault):
 class ClockJump(InstantModuleFault):
     """Clocks of modules are set forward by the amount [s]."""
 
-    default, min_amount, max_amount = 10.0, -S_PER_MONTH, S_PER_MONTH
+    default = 10.0
+    min_amount = -S_PER_MONTH
+    max_amount = S_PER_MONTH
 
     def apply(self, patches: list[VirtualPatch], at: int) -> None:
         """Set the clocks."""
@@ -253,7 +260,8 @@ class ClockJump(InstantModuleFault):
 class Wrap(InstantModuleFault):
     """Clocks and scan numbers of modules wrap after the amount [s]."""
 
-    default, max_amount = 1.0, 2**32 / 1e6
+    default = 1.0
+    max_amount = 2**32 / 1e6
 
     def apply(self, patches: list[VirtualPatch], at: int) -> None:
         """Set clocks and scan numbers."""
@@ -288,7 +296,8 @@ class SameAddress(InstantModuleFault):
 class Noisy(TaxelFault):
     """Counts have normal noise, whose standard deviation is the amount [counts]."""
 
-    default, max_amount = 200.0, float(MAX_COUNT)
+    default = 200.0
+    max_amount = float(MAX_COUNT)
 
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
         """Return counts with noise."""
@@ -300,7 +309,8 @@ class Noisy(TaxelFault):
 class Stuck(TaxelFault):
     """Counts stay at the amount, whatever the pressure is [counts]."""
 
-    default, max_amount = 2000.0, float(MAX_COUNT)
+    default = 2000.0
+    max_amount = float(MAX_COUNT)
 
     def disturb(self, counts: Int[np.ndarray, "part"]) -> Int[np.ndarray, "part"]:
         """Return the amount for all taxels."""
@@ -321,7 +331,8 @@ class Flip(LineFault):
     """A share of all bits is flipped, framing included."""
 
     unit = "bits"
-    default, max_amount = 0.0001, 0.5
+    default = 0.0001
+    max_amount = 0.5
 
     def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """Return all bytes, with some bits flipped."""
@@ -345,13 +356,15 @@ class Garbage(LineFault):
     """Random bytes are inserted, as many a second as the amount."""
 
     unit = "bytes"
-    default, max_amount = 100_000.0, 1e8
+    default = 100_000.0
+    max_amount = 1e8
     last = 0
     """Time of the last bytes [ns]."""
 
     def transmit(self, chunks: list[OutgoingBytes], at: int) -> list[OutgoingBytes]:
         """Return all bytes, then some random ones."""
-        since, self.last = at - self.last, at
+        since = at - self.last
+        self.last = at
         if not self.is_active(at):
             return chunks
         size = int(self.rng.poisson(self.spec.amount * since / NS_PER_S))

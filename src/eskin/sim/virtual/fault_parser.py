@@ -67,7 +67,8 @@ def parse_place(
         return tuple(range(len(skin.patches))), np.arange(skin.count)
     names = (where or "").split(",")
     if len(names) != 1 + kind.needs_pair:
-        pair, one = "are 2, as in KIND:ONE,OTHER", "is 1, or none for all"
+        pair = "are 2, as in KIND:ONE,OTHER"
+        one = "is 1, or none for all"
         allowed = pair if kind.needs_pair else one
         raise ValueError(
             f"fault '{text}' names {len(names) if where else 0} patches; allowed "

@@ -145,7 +145,8 @@ class VirtualPatch:
 
         A request that is not authentic or not new is not answered. `data` is its bytes.
         """
-        time, session = self.device_time(at), self.session
+        time = self.device_time(at)
+        session = self.session
         if self.version != VERSION_2:
             return []
         if session is not None:
@@ -230,7 +231,8 @@ class PatchSession:
         """End the session when no request has come for 2 s."""
         silence = (device_time - self.last_received) % DEVICE_TIME_SPAN
         if self.is_open and silence > SESSION_TIMEOUT:
-            self.is_open, self.seal = False, self.unopened
+            self.is_open = False
+            self.seal = self.unopened
 
     def close(self, packet: bytes) -> bytes:
         """Return a packet of version 2 with the seal of the session."""
@@ -255,7 +257,9 @@ class PatchSession:
             return False
         if not is_another and 0 < self.number >= request.number:
             return False
-        self.seal, self.is_open, self.number = seal, True, request.number
+        self.seal = seal
+        self.is_open = True
+        self.number = request.number
         self.last_received = device_time
         return True
 

@@ -208,7 +208,8 @@ class UdpPort(VirtualPort):
             DeviceError: the host is unknown or cannot be reached.
         """
         super().__init__()
-        self.host, self.port = host, port
+        self.host = host
+        self.port = port
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
             family, kind, protocol, _, address = found[0]

@@ -147,7 +147,8 @@ class VirtualSkin(Closing):
     def send(self, scan: Scan) -> None:
         """Build the packets of one scan and send them through all faults."""
         self.check_scan(scan)
-        at, counts = self.elapsed, scan.counts
+        at = self.elapsed
+        counts = scan.counts
         is_hello_due = self.scans % max(1, round(self.rate)) == 0
         for fault in self.faults:
             if isinstance(fault, ModuleFault):
