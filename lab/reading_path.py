@@ -12,6 +12,9 @@ the function that was compiled. What compiled functions call in turn is not show
 found from the names that they use, at any depth, and listed apart: such a function may
 be called, but need not have been. The thread and queue of a `Stream`, by which `eskin
 run` passes scans to the recogniser, are left out, as is what draws and records.
+
+The count means nothing where too few touches were detected: then one line says what
+came, and the exit code is 1.
 """
 
 import gc
@@ -26,6 +29,8 @@ from types import CodeType, FrameType
 from numba.core.dispatcher import Dispatcher
 
 import eskin
+from eskin.cli.main import print_error
+from eskin.errors import EskinError
 
 PACKAGE = Path(eskin.__file__).parent
 ADDRESS = "127.0.0.1:9791"
@@ -94,7 +99,15 @@ def list_files(codes: list[CodeType]) -> list[str]:
 
 
 def receive(calibration: Path, profiler: Profiler) -> tuple[int, int]:
-    """Recognise what comes; return the numbers of readings and detections profiled."""
+    """Recognise what comes; return the numbers of readings and detections profiled.
+
+    Args:
+        calibration: file of the calibration that the sender has written.
+        profiler: profiler that is on from the first detection to the last.
+
+    Raises:
+        EskinError: nothing comes.
+    """
     config = eskin.SourceConfig(skin="ur5", calibration=calibration, patience=PATIENCE)
     model = eskin.load_model("ur5")
     found = 0
@@ -113,20 +126,51 @@ def receive(calibration: Path, profiler: Profiler) -> tuple[int, int]:
     return count, max(found - 1, 0)
 
 
-def main() -> None:
-    """Receive, and print the files in the order of their first call."""
-    profiler = Profiler()
-    words = ["device", "ur5", "--udp", ADDRESS, "--calibration"]
+def build_sender(calibration: Path) -> list[str]:
+    """Return the command that sends touches, and writes its calibration to a file."""
+    words = ["device", "ur5", "--udp", ADDRESS, "--calibration", str(calibration)]
+    return [sys.executable, "-m", "eskin", *words]
+
+
+def receive_sent(profiler: Profiler) -> tuple[int, int]:
+    """Start the sender, and return what `receive` returns.
+
+    Raises:
+        EskinError: nothing comes.
+    """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "calibration.json"
-        argv = [sys.executable, "-m", "eskin", *words, str(path)]
+        argv = build_sender(path)
         with subprocess.Popen(argv, stdout=subprocess.DEVNULL) as sender:
             try:
                 while not path.exists() and sender.poll() is None:
                     time.sleep(0.1)
-                count, found = receive(path, profiler)
+                return receive(path, profiler)
             finally:
                 sender.terminate()
+
+
+def main() -> int:
+    """Receive, and print the files in the order of their first call.
+
+    Returns:
+        Exit code: 1 where nothing came, or fewer touches than are profiled.
+    """
+    profiler = Profiler()
+    try:
+        count, found = receive_sent(profiler)
+    except EskinError as error:
+        print_error(str(error))
+        return 1
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    if found < DETECTIONS:
+        print_error(
+            f"got {found} detections in {count} readings within {PATIENCE:g} s; "
+            f"needed are {DETECTIONS}; run it again where nothing else runs"
+        )
+        return 1
     called = list(profiler.called)
     files = list_files(called)
     inner = [name for name in list_files(find_inner(called)) if name not in files]
@@ -134,7 +178,8 @@ def main() -> None:
     print(f"{len(files)} files in {count} readings and {found} detections")
     print(f"{len(inner)} more that compiled code may call: {', '.join(inner)}")
     print(f"{len(files) + len(inner)} files in all")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

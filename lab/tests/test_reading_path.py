@@ -1,0 +1,47 @@
+"""Tests of the files that a reading passes: none are counted where nothing came."""
+
+import sys
+
+import pytest
+
+import eskin
+from eskin.touch import Calibration
+from lab import reading_path
+
+SKIN = eskin.load_skin("ur5")
+CALIBRATION = Calibration.uniform(SKIN.count, 4095, 100.0)
+
+
+def refuse(capsys):
+    """Return the line with which the program fails; it prints no count."""
+    assert reading_path.main() == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize(
+    ("code", "is_calibrated", "part"),
+    [("import time; time.sleep(9)", True, "udp://"), ("pass", False, "calibration")],
+    ids=["silent", "ended"],
+)
+def test_sender_that_sends_nothing_fails(
+    monkeypatch, capsys, code, is_calibrated, part
+):
+    def build_sender(path):
+        if is_calibrated:
+            path.write_bytes(CALIBRATION.to_bytes())
+        return [sys.executable, "-c", code]
+
+    monkeypatch.setattr(reading_path, "build_sender", build_sender)
+    monkeypatch.setattr(reading_path, "PATIENCE", 0.2)
+    line = refuse(capsys)
+    assert line.startswith("error: ") and part in line
+
+
+@pytest.mark.parametrize("counts", [(0, 0), (1551, 0), (1551, 4)])
+def test_too_few_detections_fail(monkeypatch, capsys, counts):
+    monkeypatch.setattr(reading_path, "receive_sent", lambda profiler: counts)
+    count, found = counts
+    assert f"got {found} detections in {count} readings" in refuse(capsys)
