@@ -16,7 +16,7 @@ import tyro
 
 import eskin
 from eskin.errors import EskinError
-from eskin.learn.sets import socialtouch as social
+from eskin.sets import socialtouch as social
 from eskin.skin import build_grid_skin
 from eskin.touch import Calibration
 

@@ -42,7 +42,7 @@ SMOKE = {
     "design": (
         "eskin skin place {urdf} --link link --rows 4 --columns 4 --pitch-mm 8 -o skin",
     ),
-    "ur": ("python -c 'import rtde_control, rtde_receive, eskin.command.ur_arm'",),
+    "ur": ("python -c 'import rtde_control, rtde_receive, eskin.arms.ur_arm'",),
     "ros2": ("eskin run --source replay:{recording} --pace inf --ros2",),
     "foxglove": (
         "eskin run --source replay:{recording} --pace inf --foxglove --foxglove-port 0",

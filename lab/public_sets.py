@@ -12,15 +12,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.errors import RecordingError
-from eskin.learn.sets import shearsense, sleeve
-from eskin.learn.sets import socialtouch as social
-from eskin.learn.sets.conversion import (
+from eskin.recording import NONE
+from eskin.sets import shearsense, sleeve
+from eskin.sets import socialtouch as social
+from eskin.sets.conversion import (
     FULL_SCALE_KPA,
     ImportedClip,
     find_files,
 )
-from eskin.learn.sets.socialtouch import GROUPS, HELD
-from eskin.recording import NONE
+from eskin.sets.socialtouch import GROUPS, HELD
 from eskin.sim.people.recorded import (
     PHONE_COLUMNS,
     PHONE_PITCH,

@@ -20,7 +20,8 @@ from pathlib import Path
 
 import tyro
 
-from eskin.learn.sets import (
+from eskin.recording import NONE, find_recordings, read_recording
+from eskin.sets import (
     LAYOUTS,
     ConversionResult,
     SetName,
@@ -29,8 +30,7 @@ from eskin.learn.sets import (
     convert_socialtouch,
     convert_table,
 )
-from eskin.learn.sets.socialtouch import find_group
-from eskin.recording import NONE, find_recordings, read_recording
+from eskin.sets.socialtouch import find_group
 from lab.compare import CompareCommand, run_compare
 from lab.program import run_program
 

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import final, get_args
 
+from eskin.arms import SimulatedArm
 from eskin.command import Policy, PolicyConfig, SkinMonitorConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.live import Detection, Recognizer, load_model
 from eskin.recording import TruthRecord
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo import LiveSource, TouchCauses
 from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.interactive import InteractiveSkin

@@ -15,19 +15,9 @@ from typing import Any
 import numpy as np
 import tyro
 
-from eskin.command import (
-    FRAME_TASK,
-    CommandMap,
-    MotionConfig,
-    Policy,
-    PolicyConfig,
-    Rule,
-    SkinMonitorConfig,
-    Task,
-    UrArm,
-    Waypoint,
-)
-from eskin.command.ur import UrLink
+from eskin.arms import FRAME_TASK, MotionConfig, Task, UrArm, Waypoint
+from eskin.arms.ur import UrLink
+from eskin.command import CommandMap, Policy, PolicyConfig, Rule, SkinMonitorConfig
 from eskin.drivers import SourceInfo
 from eskin.errors import ArmError
 from eskin.skin import load_skin

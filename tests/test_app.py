@@ -16,6 +16,7 @@ from eskin.app import (
     nominal_calibration,
     open_source,
 )
+from eskin.arms import SimulatedArm
 from eskin.drivers import (
     DeviceSource,
     ManualClock,
@@ -26,7 +27,6 @@ from eskin.drivers import (
 from eskin.errors import ArmError, DeviceError, EskinError, RecordingError
 from eskin.robot import load_robot
 from eskin.robot.presets import read_preset_urdf
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.constants import load_constants
 from eskin.sim.sensor.build import build_nominal_sensor
 from eskin.sim.virtual import PtyPort

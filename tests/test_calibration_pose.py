@@ -18,7 +18,7 @@ from eskin.calibration.pose import (
 )
 from eskin.cli.guided import guide_person
 from eskin.cli.main import run
-from eskin.cli.pose import PoseDialogue
+from eskin.design.commands.pose import PoseDialogue
 from eskin.errors import SkinError
 from eskin.skin import fit_surface, load_skin
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate

@@ -322,13 +322,13 @@ def test_bug_is_not_taken_for_bad_input(fail_check):
 @pytest.fixture
 def fail_check(monkeypatch):
     """Make `eskin skin check` raise an error."""
-    from eskin.cli import skin
+    from eskin.design.commands import check
 
     def replace(error):
-        def fail(command: skin.CheckCommand) -> None:
+        def fail(command: check.CheckCommand) -> None:
             raise error
 
-        monkeypatch.setattr(skin, "run_check", fail)
+        monkeypatch.setattr(check, "run", fail)
 
     return replace
 

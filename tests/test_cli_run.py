@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import eskin.app
+from eskin.arms import SimulatedArm
 from eskin.cli.main import STOPPED
 from eskin.cli.run import (
     RunCommand,
@@ -33,7 +34,6 @@ from eskin.page import QuestionBoard
 from eskin.page.viewer import Viewer
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
 from eskin.robot import load_robot
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
 from eskin.skin import load_skin, save_skin
 from eskin.stream import Recognition

@@ -8,8 +8,8 @@ import pytest
 
 import eskin.app
 from eskin.cli.main import run
-from eskin.cli.skin import TARE_S, tare, wait_for_press
 from eskin.cli.terminal import SkinPrinter
+from eskin.design.commands.check import TARE_S, tare, wait_for_press
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.robot import load_robot
 from eskin.skin import save_skin

@@ -21,15 +21,15 @@ from numba.core.event import install_listener
 
 from eskin import compiled, entries, places
 from eskin.cli.main import main
+from eskin.design.formats.gentact import write_gentact
+from eskin.design.formats.icub import write_icub_positions
+from eskin.design.formats.tactile_urdf import write_tactile_urdf
 from eskin.files import atomic_path
 from eskin.learn.checkpoint import Checkpoint, save_checkpoint
 from eskin.learn.prepared_recording import PreparedRecording, save_prepared
 from eskin.live import create_empty_batch
 from eskin.skin import load_skin, save_skin
-from eskin.skin.gentact import write_gentact
-from eskin.skin.icub import write_icub_positions
 from eskin.skin.picture import draw_skin
-from eskin.skin.tactile_urdf import write_tactile_urdf
 from eskin.touch.contact_kernels import box_gap
 from helpers.live import model_of, network
 

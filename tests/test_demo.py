@@ -9,6 +9,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from eskin.arms import SimulatedArm
 from eskin.cli.main import run
 from eskin.command import ASK, SUSPEND, Policy, PolicyConfig, Question, load_commands
 from eskin.drivers import ManualClock
@@ -16,7 +17,6 @@ from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
 from eskin.page.hand import USUAL
 from eskin.recording import TruthRecord
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.commands.demo import open_once, tell_link
 from eskin.sim.demo import (
     Attempt,

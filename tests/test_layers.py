@@ -6,6 +6,7 @@ from graphlib import TopologicalSorter
 
 import pytest
 
+from eskin.registry import COMMANDS, LEARNING
 from helpers.source import MODULES, SOURCE, name_module, parse_module
 
 # What each package may import, nearest first; what those may import is allowed too.
@@ -30,30 +31,29 @@ PRODUCT = {
     "stream": ("live", "drivers"),
     "command": ("stream",),
     "page": ("command",),
-    "bus": ("page",),
+    "bus": ("stream",),
     "notebook": ("page",),
     "app": ("command",),
-    "cli": ("app", "bus", "calibration"),
+    "cli": ("app", "bus", "calibration", "page"),
 }
 LEAVES = {
-    "learn": ("cli",),
-    "sim": ("learn",),
+    "arms": ("command",),
     "design": ("cli",),
-    "exports": ("cli",),
+    "exports": ("cli", "notebook"),
+    "labelling": ("cli",),
+    "learn": ("cli",),
+    "sets": ("cli",),
+    "sim": ("arms", "labelling", "sets"),
 }
 """Optional packages, which nothing in the product imports."""
 BELOW = PRODUCT | LEAVES
 # What the subpackages of each package may import of it; "" is its modules at the root.
 INSIDE = {
-    "learn": {
-        "": ("nn",),
-        "nn": (),
-        "sets": (),
-        "events": ("",),
-        "commands": ("sets", "events"),
-    },
-    "design": {"": (), "commands": ("",)},
+    "design": {"": (), "formats": (), "commands": ("", "formats")},
     "exports": {"": (), "commands": ("",)},
+    "labelling": {"": (), "commands": ("",)},
+    "learn": {"": ("nn",), "nn": (), "events": ("",), "commands": ("events",)},
+    "sets": {"": (), "commands": ("",)},
     "sim": {
         "": (),
         "virtual": (),
@@ -62,14 +62,16 @@ INSIDE = {
         "scene": ("people",),
         "sensor": ("",),
         "dataset": ("scene", "sensor"),
-        "arm": (),
-        "interactive": ("arm", "dataset"),
+        "interactive": ("dataset",),
         "demo": ("interactive",),
         "bench": ("virtual",),
         "commands": ("demo", "bench"),
     },
 }
 TOP = {"__init__", "__main__"}
+"""The public names and the program stand above everything, and nothing imports them."""
+NAMES = {name_module(path).removesuffix(".__init__"): path for path in MODULES}
+"""Paths of all modules, by their dotted names."""
 REGISTRY = "registry"
 """The only module of the product that names leaves, for commands and sources."""
 HEAVY = {"torch", "sklearn", "matplotlib"}
@@ -85,15 +87,23 @@ def get_package(path):
     return path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
 
-def find_imports(path, toplevel_only=False):
-    """Yield the full dotted names of all that a module imports."""
+def find_imports(path, when_loaded=False):
+    """Yield the full dotted names of what a module imports, or imports when loaded.
+
+    Without `when_loaded` imports inside functions and under `TYPE_CHECKING` are among
+    them. A module that is imported from its package has the name of the module.
+    """
     module, *nodes = parse_module(path)
-    for node in module.body if toplevel_only else nodes:
+    for node in module.body if when_loaded else nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            yield node.module
+            inner = [f"{node.module}.{alias.name}" for alias in node.names]
+            modules = [name for name in inner if name in NAMES]
+            yield from modules
+            if len(modules) < len(inner):
+                yield node.module
 
 
 def find_below(order, name):
@@ -173,20 +183,23 @@ def test_packages_have_no_cycle_and_their_arrows_are_printed(capsys):
         )
 
 
-def test_modules_form_no_import_cycle():
-    graph = {}
-    for path in MODULES:
-        name = name_module(path)
-        if path.name != "__init__.py":
-            graph[name] = set(find_imports(path, toplevel_only=True))
+def test_modules_form_no_cycle_by_any_import():
+    graph = {name: set(find_imports(path)) for name, path in NAMES.items()}
     TopologicalSorter(graph).prepare()
+
+
+def test_names_by_which_the_registry_imports_are_those_of_packages_with_commands():
+    packages = {entry.target.split(".")[0] for entry in COMMANDS.values()}
+    assert packages == {"cli"} | set(LEAVES) - {"arms"}
+    assert LEARNING == "eskin.learn.commands.models"
 
 
 def test_core_imports_no_package_of_training():
     for path in MODULES:
-        is_set = path.parent == SOURCE / "learn" / "sets"
-        if get_package(path) in CORE or is_set:
-            names = {name.split(".")[0] for name in find_imports(path, True)}
+        if get_package(path) in CORE:
+            names = {
+                name.split(".")[0] for name in find_imports(path, when_loaded=True)
+            }
             assert not names & HEAVY, path
 
 

@@ -45,7 +45,7 @@ def recording(tmp_path_factory):
 
 
 def test_pressures_have_a_row_a_reading_and_a_column_a_taxel(recording):
-    found = np.asarray(recording.pressures())
+    found = np.asarray(eskin.measure_pressures(recording))
     assert found.shape == (recording.count, recording.skin.count)
     assert found.max() > 1.0 and (found[:50] < 2.0).all()
 
@@ -125,7 +125,7 @@ def test_skin_is_shown_in_a_cell_without_a_server():
 
 
 def test_skin_given_as_an_object_is_shown_on_the_robot_given(several):
-    values = np.asarray(several.pressures())[0]
+    values = np.asarray(eskin.measure_pressures(several))[0]
     robot = several.load_robot()
     shown = eskin.show_skin(values, several.skin, robot)
     assert shown.height > 0

@@ -15,7 +15,7 @@ from viser import (
     ViserServer,
 )
 
-from eskin.page import ColourScale, ContactMarker, LogEntry
+from eskin.page import ContactMarker, LogEntry
 from eskin.page.hand import (
     DOUBLE_CLICK,
     MISSED,
@@ -23,14 +23,10 @@ from eskin.page.hand import (
     MouseHand,
     PaintBrush,
 )
-from eskin.page.html import (
-    GESTURE_COLOURS,
-    INVALID_COLOUR,
-    REST_COLOUR,
-    choose_gesture_colours,
-)
+from eskin.page.html import GESTURE_COLOURS, choose_gesture_colours
 from eskin.page.marks import Marks, TargetMark, measure_box
 from eskin.page.scene import FIELD_OF_VIEW, Scene, SurfacePoint
+from eskin.skin.colours import INVALID_COLOUR, REST_COLOUR, ColourScale
 from eskin.transforms import apply, rotate
 from helpers.viewer import make_setup, make_update, mounted
 

@@ -117,7 +117,7 @@ def test_eskin_that_is_not_installed_says_so():
 def test_arm_of_a_plugin_is_real_and_opened_by_its_kind(tmp_path, monkeypatch):
     code = (
         "from eskin.registry import ArmDriver\n"
-        "from eskin.sim.arm import SimulatedArm\n"
+        "from eskin.arms import SimulatedArm\n"
         "def open_arm(uri, task, clock, motion, gripper_output):\n"
         "    arm = SimulatedArm(task)\n    arm.name = uri\n    return arm\n"
         "ARM = ArmDriver(open_arm, 'panda://HOST')\n"

@@ -8,21 +8,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.errors import ModelError, RecordingError
+from eskin.labelling import (
+    AutoLabelConfig,
+    LabelAgreement,
+    label_automatically,
+    label_recording,
+)
 from eskin.live.model_config import ModelCard
 from eskin.live.model_file import CARD_ADAPTER, read_card
 from eskin.recording import (
-    AutoLabelConfig,
     Label,
-    LabelAgreement,
     Metadata,
     RecordingWriter,
     build_labels,
     build_rough_ranges,
     check_gesture_names,
     check_no_overlap,
-    label_automatically,
     label_instants,
-    label_recording,
     load_ranges,
     read_recording,
     select_labels,

@@ -8,10 +8,10 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from eskin.learn.sets import reading_files, skin_table
-from eskin.learn.sets.joint_solver import JointSolver
 from eskin.recording import read_recording
 from eskin.robot import load_urdf
+from eskin.sets import reading_files, skin_table
+from eskin.sets.joint_solver import JointSolver
 from eskin.sim.dataset import GenerationSettings, generate
 from eskin.skin import MountedSkin, load_robot_for_skin, load_skin
 from helpers.archives import (
@@ -465,7 +465,7 @@ def test_poses_and_pressures_of_the_paper_become_its_table_in_two_commands(
     assert result["poses"]["worst_mm"] < 0.1
     for after in converted:
         before = recordings[after.path.name]
-        pressure = np.asarray(before.pressures())
+        pressure = np.asarray(eskin.measure_pressures(before))
         counts = after.arrays().counts - after.calibration.rest
         np.testing.assert_allclose(
             after.calibration.gain * counts, pressure, atol=pressure.max() / 65_535

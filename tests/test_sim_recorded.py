@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from eskin.errors import GenerationError, ImportSourceError
-from eskin.learn.sets.socialtouch import (
+from eskin.recording import find_recordings, read_recording
+from eskin.sets.socialtouch import (
     GESTURES,
     GROUP_NUMBERS,
     Repetition,
     classify_repetition,
 )
-from eskin.recording import find_recordings, read_recording
 from eskin.sim import load_constants
 from eskin.sim.contact.press import ContactSite, MoviePress
 from eskin.sim.contact.pressure import compute_movie_field, compute_movie_force

@@ -22,11 +22,11 @@ from typing import final
 
 import numpy as np
 
+from eskin.arms import SimulatedArm
 from eskin.command import Policy, PolicyConfig, SkinMonitorConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.live import Detection, Recognizer, load_model
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.contact.press import AnyPress, TrueTouch
 from eskin.sim.demo import LiveSource
 from eskin.sim.demo.headless import SynchronousStream

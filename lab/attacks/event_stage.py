@@ -9,10 +9,10 @@ from zlib import crc32
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.command import FRAME_TASK, Arm, Policy, PolicyConfig, load_commands
+from eskin.arms import FRAME_TASK, SimulatedArm
+from eskin.command import Arm, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.live import Model, Recognizer
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.contact.press import ContactSite, TrueTouch
 from eskin.sim.interactive import InteractiveSkin
 from eskin.sim.interactive.skin import draw_demo_person

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from typing import final
 
+from eskin.arms import SimulatedArm
 from eskin.command import ASK, SUSPEND, Policy, PolicyConfig, load_commands
 from eskin.drivers import ManualClock
 from eskin.live import Detection, Model, Recognizer, load_model
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.headless import SynchronousStream
 from eskin.sim.demo.live_source import LiveSource
 from eskin.sim.interactive import InteractiveSkin

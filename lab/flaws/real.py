@@ -22,12 +22,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Int
 
-from eskin.learn.sets import (
-    convert_shearsense,
-    convert_sleeve,
-    convert_socialtouch,
-)
-from eskin.learn.sets.socialtouch import TOUCHED_COUNTS
 from eskin.live import Recognizer, load_model
 from eskin.recording import (
     NONE,
@@ -35,6 +29,12 @@ from eskin.recording import (
     find_recordings,
     read_recording,
 )
+from eskin.sets import (
+    convert_shearsense,
+    convert_sleeve,
+    convert_socialtouch,
+)
+from eskin.sets.socialtouch import TOUCHED_COUNTS
 from eskin.skin import mount_skin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S

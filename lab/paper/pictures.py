@@ -19,9 +19,9 @@ from eskin_paper_network.neighbours import Neighbourhood
 from jaxtyping import Bool, Float, Int
 from matplotlib.figure import Figure
 
+from eskin.labelling.autolabel import compute_peak_pressures, label_recording
 from eskin.learn.plots import save_figure
 from eskin.recording import read_recording
-from eskin.recording.autolabel import compute_peak_pressures, label_recording
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, load_skin
 from eskin.units import NS_PER_S

@@ -15,12 +15,12 @@ from eskin.errors import (
     RobotError,
     SkinError,
 )
-from eskin.learn.sets import convert_sleeve
+from eskin.labelling.editing import load_replayed
 from eskin.live import check_weights, load_model
-from eskin.page.editing import load_replayed
 from eskin.recording import load_ranges, read_recording
 from eskin.recording.reader import parse_shared_skin
 from eskin.robot import load_robot
+from eskin.sets import convert_sleeve
 from eskin.skin import MountedSkin, load_skin
 from eskin.touch import TouchPipeline
 from lab.attacks.files import FILES, NAMES

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         Recognizer,
         load_model,
     )
-    from eskin.notebook import find_touches, plot_skin, show_skin
+    from eskin.notebook import find_touches, measure_pressures, plot_skin, show_skin
     from eskin.recording import (
         Recording,
         RecordingWriter,
@@ -38,7 +38,7 @@ EXPORTS = {
     "app": "SourceConfig open_source",
     "drivers": "Source",
     "errors": "EskinError",
-    "notebook": "find_touches plot_skin show_skin",
+    "notebook": "find_touches measure_pressures plot_skin show_skin",
     "live": "DecisionConfig Detection Model ModelCard Recognizer load_model",
     "recording": "Recording RecordingWriter find_recordings read_recording",
     "robot": "Robot load_robot",
@@ -75,6 +75,7 @@ __all__ = [
     "load_model",
     "load_robot",
     "load_skin",
+    "measure_pressures",
     "open_source",
     "plot_skin",
     "read_recording",

@@ -4,16 +4,13 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib import resources
-from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command import FRAME_TASK, Arm, MotionConfig, Task, UrArm
-from eskin.command.arm import ArmJoints
-from eskin.command.ur import UR_OUTPUTS, UrLink
+from eskin.command.arm import Arm, ArmJoints
 from eskin.drivers import (
     CalledJoints,
     Clock,
@@ -39,7 +36,6 @@ from eskin.registry import (
     DRIVERS,
     ArmDriver,
     Driver,
-    advise_install,
     list_forms,
     load_plugin,
 )
@@ -205,21 +201,17 @@ def open_recording(uris: Sequence[str], config: SourceConfig, clock: Clock) -> S
 
 def open_arm(
     uri: str,
-    task: Task = FRAME_TASK,
     clock: Clock | None = None,
-    motion: MotionConfig | None = None,
     gripper_output: int = GRIPPER_OUTPUT,
     question_output: int | None = None,
 ) -> Arm:
-    """Open an arm that runs a task.
+    """Open an arm that works on its task.
 
     A simulated one begins at once; a real one is held until it is released.
 
     Args:
         uri: `sim:ur5` or `ur://HOST`.
-        task: the task that it runs.
         clock: the clock that it goes by; this computer's unless given.
-        motion: its limits of motion.
         gripper_output: standard digital output of a UR that closes the gripper.
         question_output: standard digital output of a UR that is on while a question is
             open; None for none.
@@ -234,7 +226,7 @@ def open_arm(
     outputs: list[int | None] = [gripper_output]
     if driver.outputs:
         outputs.append(question_output)
-    return driver.open(uri, task, clock, motion, *outputs)
+    return driver.open(uri, clock, *outputs)
 
 
 def check_question_output(uri: str, gripper_output: int, question_output: int) -> None:
@@ -268,31 +260,6 @@ def find_arm_driver(uri: str) -> ArmDriver:
     if driver is None:
         raise ArmError(f"robot is '{uri}'; allowed is {list_forms(ARMS)}; correct it")
     return driver
-
-
-def open_ur_arm(
-    uri: str,
-    task: Task,
-    clock: Clock | None,
-    motion: MotionConfig | None,
-    gripper_output: int,
-    question_output: int | None,
-) -> Arm:
-    """Open the arm of a UR controller."""
-    rest = uri.partition(":")[2]
-    host = rest.removeprefix("//")
-    if not rest.startswith("//") or not host or "/" in host:
-        raise ArmError(
-            f"robot is '{uri}'; allowed is ur://HOST, such as ur://192.168.1.10; "
-            "correct it"
-        )
-    if find_spec("rtde_control") is None:
-        raise ArmError(
-            f"robot is '{uri}', but ur_rtde is missing; allowed is with it installed; "
-            + advise_install("ur")
-        )
-    link = UrLink(host, gripper_output, question_output=question_output)
-    return UrArm(link, task, clock, motion)
 
 
 def open_joints(
@@ -513,5 +480,4 @@ UDP = Driver(open_device, "udp://HOST:PORT", takes_key=True)
 CSV = Driver(open_csv, "csv:PATH", "cable", takes_several=True)
 XELA = Driver(open_xela, "xela://HOST:PORT")
 REPLAY = Driver(open_recording, "replay:FILE", "recorded")
-UR = ArmDriver(open_ur_arm, "ur://HOST", outputs=UR_OUTPUTS)
 """Drivers that come with eskin, as its entry points name them."""

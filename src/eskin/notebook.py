@@ -13,17 +13,59 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from eskin.live import Model, Recognizer, load_model
-from eskin.recording import Recording, find_recordings, read_recording
+from eskin.recording import Label, Recording, find_recordings, read_recording
 from eskin.recording.records import select_labels
-from eskin.recording.tables import describe_touch
 from eskin.robot import Robot
-from eskin.skin import Skin, load_skin, mount_skin
+from eskin.skin import MountedSkin, Skin, load_skin, mount_skin
 from eskin.skin.picture import draw_values
-from eskin.touch import Touch, TouchState
+from eskin.touch import Touch, TouchPipeline, TouchState
 from eskin.units import NS_PER_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def measure_pressures(recording: Recording | Path | str) -> Any:  # noqa: ANN401
+    """Return the pressure of each taxel at each reading [kPa], as the live system.
+
+    Args:
+        recording: recording, or its path.
+
+    Returns:
+        An `xarray.DataArray` over `time` and `taxel`, with patch, link, row and column
+        of each taxel; without xarray a `pandas.DataFrame` with a row a reading and a
+        column a taxel; without either an array of that shape. The first two have the
+        attributes `units` and `calibration` (its `source`).
+
+    Raises:
+        EskinError: the recording cannot be used.
+    """
+    if not isinstance(recording, Recording):
+        recording = read_recording(recording)
+    mounted = MountedSkin(recording.skin, recording.load_robot())
+    pipeline = TouchPipeline(mounted, recording.calibration)
+    states = ((scan.stamp, pipeline.push(scan)) for scan in recording.scans())
+    pairs = [(stamp, state.reading.pressure.copy()) for stamp, state in states]
+    times = np.array([stamp for stamp, _ in pairs], "datetime64[ns]")
+    values = np.array([row for _, row in pairs], np.float32)
+    values = values.reshape(-1, recording.skin.count)
+    taxels = list_taxels(recording)
+    facts = {"units": "kPa", "calibration": recording.calibration.source}
+    if find_spec("xarray") is not None:
+        names = ("patch", "link", "row", "column")
+        own = {name: ("taxel", [row[name] for row in taxels]) for name in names}
+        coordinates = {"time": times, "taxel": np.arange(len(taxels)), **own}
+        return import_module("xarray").DataArray(
+            values, coordinates, ("time", "taxel"), "pressure", attrs=facts
+        )
+    if find_spec("pandas") is not None:
+        pandas = import_module("pandas")
+        cells = [(row["patch"], row["row"], row["column"]) for row in taxels]
+        columns = pandas.MultiIndex.from_tuples(cells, names=("patch", "row", "column"))
+        frame = pandas.DataFrame(values, times, columns)
+        frame.attrs = facts
+        return frame
+    return values
 
 
 def find_touches(recording: Recording | Path | str, model: Model | str = "ur5") -> Any:  # noqa: ANN401
@@ -102,6 +144,69 @@ def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]
             }
 
 
+def list_taxels(recording: Recording) -> list[dict[str, Any]]:
+    """List the rows of a recording's taxels."""
+    skin = recording.skin
+    return [
+        {
+            "recording": recording.path.name,
+            "taxel": taxel,
+            "patch": skin.patches[number].id,
+            "link": skin.patches[number].link,
+            "row": int(skin.rows[taxel]),
+            "column": int(skin.columns[taxel]),
+            "position": skin.positions[taxel],
+            "normal": skin.normals[taxel],
+            "area": float(skin.areas[taxel]),
+        }
+        for taxel, number in enumerate(skin.patch_index.tolist())
+    ]
+
+
+def describe_touch(
+    recording: Recording, touch: Touch, labels: tuple[Label, ...]
+) -> dict[str, Any]:
+    """Return the row of a touch, with its label and detection where it has them."""
+    label = find_label(touch, labels)
+    found = next((d for d in recording.detections if d.onset == touch.onset), None)
+    return {
+        **describe_origin(recording),
+        "touch": touch.id,
+        "onset": touch.onset,
+        "end": touch.last,
+        "duration": (touch.last - touch.onset) / NS_PER_S,
+        "link": touch.link,
+        "patch": touch.contact.patch,
+        "contacts": len(touch.tracks),
+        "peak_force": touch.peak_force,
+        "peak_pressure": touch.peak,
+        "impulse": touch.impulse,
+        "start": touch.start,
+        "latest": touch.latest,
+        "gesture": None if label is None else label.gesture,
+        "label_source": None if label is None else label.source,
+        "detected": None if found is None else found.gesture,
+        "confidence": None if found is None else found.confidence,
+    }
+
+
+def describe_origin(recording: Recording) -> dict[str, str]:
+    """Return the columns that say where a row is from."""
+    person = recording.metadata.subject
+    session = recording.metadata.session
+    return {"recording": recording.path.name, "person": person, "session": session}
+
+
+def find_label(touch: Touch, labels: tuple[Label, ...]) -> Label | None:
+    """Return the label that overlaps a touch longest; None without one."""
+    overlaps = [
+        (min(label.end, touch.last) - max(label.start, touch.onset), label)
+        for label in labels
+    ]
+    overlap, label = max(overlaps, default=(-1, None), key=lambda pair: pair[0])
+    return label if overlap >= 0 else None
+
+
 @final
 class ForceRecorder:
     """Records the force of every touch over time; stateful.
@@ -151,10 +256,10 @@ def plot_skin(
     """Draw a value of each taxel on the unrolled patches of a skin.
 
     Args:
-        values: value of each taxel, such as a row of `Recording.pressures()`.
+        values: value of each taxel, such as a row of `measure_pressures`.
         skin: the skin, a preset's name, or a skin's folder.
         unit: what the values are in; by default what their attributes say, as those of
-            `Recording.pressures()` do, which tell a nominal calibration too, else kPa.
+            `measure_pressures` do, which tell a nominal calibration too, else kPa.
 
     Returns:
         A figure, which a notebook shows.
@@ -195,7 +300,7 @@ def show_skin(
 
     Args:
         values: value of each taxel, 0 or more, such as a row of
-            `Recording.pressures()`; the greatest has the darkest colour.
+            `measure_pressures`; the greatest has the darkest colour.
         skin: the skin, a preset's name, or a skin's folder.
         robot: robot that wears it: a preset's name, a URDF or a robot, such as what
             `Recording.load_robot` returns; None for that of the preset or of the

@@ -82,9 +82,8 @@ class ArmDriver:
     """An arm driver opens the arms of one kind of URI."""
 
     open: Callable[..., Any]
-    """Function of the URI, the `Task`, a clock or None, a `MotionConfig` or None, the
-    gripper's output, and, if the arm has `outputs`, the one that shows a question or
-    None. It returns an `Arm`."""
+    """Function of the URI, a clock or None, the gripper's output, and, if the arm has
+    `outputs`, the one that shows a question or None. It returns an `Arm`."""
 
     form: str
     """Form of its URI, for messages, such as `ur://HOST`."""
@@ -114,11 +113,11 @@ COMMANDS = {
         "sim.commands.demo:run", "touch a simulated arm at work in the browser"
     ),
     "record": Entry("cli.record:run", "record and label gestures of your own"),
-    "replay": Entry("cli.recordings:run_replay", "recognise a recording as if live"),
+    "replay": Entry("cli.replay:run", "recognise a recording as if live"),
     "view": Entry(
-        "cli.recordings:run_view", "play and label a recording in the browser"
+        "labelling.commands.view:run", "play and label a recording in the browser"
     ),
-    "label": Entry("cli.recordings:run_label", "label touches by their pressure"),
+    "label": Entry("labelling.commands.label:run", "label touches by their pressure"),
     "train": Entry(
         "learn.commands.train:run", "train the recogniser on recordings", "train"
     ),
@@ -128,7 +127,7 @@ COMMANDS = {
     "generate": Entry(
         "sim.commands.generate:run", "generate recordings of simulated people"
     ),
-    "convert": Entry("learn.commands.convert:run", "convert a public data set"),
+    "convert": Entry("sets.commands.convert:run", "convert a public data set"),
     "export": Entry(
         "cli.export:run", "write a model as ONNX, recordings as bag or tables", "export"
     ),
@@ -140,9 +139,11 @@ COMMANDS = {
         "sim.commands.device:run", "act as a skin: send simulated or recorded touches"
     ),
     "skin show": Entry(
-        "cli.skin:run_show", "describe and draw a skin, or what it feels", "train"
+        "design.commands.show:run",
+        "describe and draw a skin, or what it feels",
+        "train",
     ),
-    "skin check": Entry("cli.skin:run_check", "check a skin's files"),
+    "skin check": Entry("design.commands.check:run", "check a skin's files"),
     "skin design": Entry(
         "design.commands.design:run",
         "lay a skin on a robot, and draw its patches",
@@ -151,9 +152,13 @@ COMMANDS = {
     "skin place": Entry(
         "design.commands.place:run", "lay a ready-made matrix on a link", "design"
     ),
-    "skin convert": Entry("cli.skin:run_convert", "from and to URDF, iCub, GenTact"),
-    "skin pose": Entry("cli.pose:run", "measure where patches are mounted"),
-    "skin points": Entry("cli.pose:run_points", "choose where to press for that"),
+    "skin convert": Entry(
+        "design.commands.convert:run", "from and to URDF, iCub, GenTact"
+    ),
+    "skin pose": Entry("design.commands.pose:run", "measure where patches are mounted"),
+    "skin points": Entry(
+        "design.commands.pose:run_points", "choose where to press for that"
+    ),
     "skin paint": Entry(
         "design.commands.paint:run",
         "paint in the browser where skin is to lie",

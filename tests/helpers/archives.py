@@ -70,7 +70,7 @@ def write_archive(recording, path, numbers=7):
     labels = select_labels(recording.labels)
     np.savez(
         path,
-        pressure=np.asarray(recording.pressures(), np.float32),
+        pressure=np.asarray(eskin.measure_pressures(recording), np.float32),
         poses=build_poses(mounted, arrays.q, numbers).astype(np.float32),
         stamp=arrays.stamps,
         gesture=[label.gesture for label in labels],

@@ -4,9 +4,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from eskin.arms import FRAME_TASK, UrArm
+from eskin.arms.ur import PERIOD as UR_PERIOD
+from eskin.arms.ur import ControllerLink, UrStatus
 from eskin.command import (
     ASK,
-    FRAME_TASK,
     SUSPEND,
     Arm,
     ArmState,
@@ -14,11 +16,8 @@ from eskin.command import (
     Policy,
     PolicyConfig,
     Rule,
-    UrArm,
     load_commands,
 )
-from eskin.command.ur import PERIOD as UR_PERIOD
-from eskin.command.ur import ControllerLink, UrStatus
 from eskin.drivers import ManualClock, SourceInfo
 from eskin.errors import ArmError
 from eskin.live import Detection

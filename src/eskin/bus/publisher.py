@@ -37,7 +37,6 @@ from eskin.bus.messages import (
 )
 from eskin.drivers import Event
 from eskin.live import Detection
-from eskin.page import ColourScale
 from eskin.recording.cdr import Topic
 from eskin.recording.messages import (
     DETECTION,
@@ -50,6 +49,7 @@ from eskin.recording.messages import (
     pack_reading,
 )
 from eskin.skin import MountedSkin, Skin
+from eskin.skin.colours import ColourScale
 from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
 from eskin.stream.listener import Drop
 from eskin.touch import Scan, TouchState

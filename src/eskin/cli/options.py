@@ -40,6 +40,9 @@ from tyro.constructors import (
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 """Sequence that sets a colour of a terminal."""
 
+ROBOT = tyro.conf.arg(aliases=("--robot",))
+"""Names of the option that gives the robot of a skin."""
+
 registry = ConstructorRegistry()
 """What tyro is told of the classes of commands."""
 

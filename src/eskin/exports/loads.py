@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.exports.limits import Limits, Region
+from eskin.notebook import find_label
 from eskin.progress import track_progress
 from eskin.recording import Recording, select_labels
-from eskin.recording.tables import find_label
 from eskin.skin import MountedSkin
 from eskin.touch import Touch, TouchPipeline
 from eskin.units import NS_PER_S

@@ -10,9 +10,9 @@ from typing import Any
 
 from eskin.errors import RecordingError
 from eskin.files import write_folder
+from eskin.notebook import describe_origin, describe_touch, list_taxels
 from eskin.progress import show_progress
 from eskin.recording import Label, Recording, select_labels
-from eskin.recording.tables import describe_origin, describe_touch, list_taxels
 from eskin.registry import Exporter, find_package
 from eskin.skin import MountedSkin
 from eskin.touch import Scan, Touch, TouchPipeline, TouchState

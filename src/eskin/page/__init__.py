@@ -3,7 +3,6 @@
 It imports no recogniser.
 """
 
-from eskin.page.html import ColourScale
 from eskin.page.messages import (
     ArmSummary,
     ContactMarker,
@@ -26,7 +25,6 @@ from eskin.page.messages import (
 
 __all__ = [
     "ArmSummary",
-    "ColourScale",
     "ContactMarker",
     "CorrectionOrder",
     "GuideBoard",

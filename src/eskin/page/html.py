@@ -3,10 +3,9 @@
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from itertools import cycle
-from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float16, UInt8
+from jaxtyping import Bool, Float16
 
 from eskin.page.messages import (
     ArmCondition,
@@ -20,6 +19,7 @@ from eskin.page.messages import (
     TouchRule,
     ViewUpdate,
 )
+from eskin.skin.colours import INVALID_COLOUR, REST_COLOUR, ColourScale
 from eskin.units import format_index
 
 INK, PALE = "light-dark(#1f2733,#e3e8ee)", "light-dark(#596372,#b0b9c4)"
@@ -464,73 +464,24 @@ def render_patches(setup: SceneDescription, valid: Bool[np.ndarray, "taxel"]) ->
     return render_block(div("display:flex;flex-wrap:wrap;gap:4px", cells))
 
 
-PRESSED = "ffe066 fec43e fca128 f07823 de5226 c4302e a0183c 76083e 4a002e"
-"""Stops of the scale from a light touch to a strong one, as red, green and blue, ever
-darker, so that people of any colour vision can order them."""
-REST_COLOUR = (150, 160, 172)
-"""Colour of a taxel at rest, a grey from which all colours of touches differ."""
-INVALID_COLOUR = (255, 255, 255)
-"""Colour of a taxel that is not valid: red, green and blue, each to 255."""
-STEPS = 64
-"""Number of colours; a taxel is sent to the browser only when its colour changes."""
-MIN_SHOWN_PRESSURE = 0.5
-"""Pressure below which a taxel is at rest [kPa]."""
-
-
-@final
-class ColourScale:
-    """Maps pressures to colours, by the square root of their share of a maximum.
-
-    Attributes:
-        maximum: pressure of the darkest colour [kPa].
-    """
-
-    def __init__(self, maximum: float) -> None:
-        """Create a scale up to a maximum pressure [kPa]."""
-        self.maximum = maximum
-        stops = np.array([list(bytes.fromhex(stop)) for stop in PRESSED.split()])
-        places = np.linspace(0, 1, len(stops))
-        steps = np.linspace(0, 1, STEPS)
-        columns = [np.interp(steps, places, column) for column in stops.T]
-        self.table = np.stack(columns, axis=-1).round().astype(np.uint8)
-
-    def colours(
-        self, pressure: Float[np.ndarray, "taxel"], valid: Bool[np.ndarray, "taxel"]
-    ) -> UInt8[np.ndarray, "taxel 3"]:
-        """Return red, green and blue of each taxel.
-
-        Args:
-            pressure: pressure of the taxels [kPa].
-            valid: whether each taxel is valid.
-        """
-        share = np.sqrt(np.clip(pressure / self.maximum, 0.0, 1.0))
-        colours = self.table[np.nan_to_num(share * (STEPS - 1)).astype(np.intp)]
-        colours[pressure < MIN_SHOWN_PRESSURE] = REST_COLOUR
-        colours[~valid] = INVALID_COLOUR
-        return colours
-
-    def legend(self) -> str:
-        """Return the scale as HTML: a bar with its pressures."""
-        shares = np.linspace(0.0, 1.0, 5).tolist()
-        stops = ", ".join(f"rgb({r},{g},{b})" for r, g, b in self.table[::7].tolist())
-        values = [f"{self.maximum * share * share:.3g}" for share in shares]
-        values[-1] += " kPa"
-        small = f"font-size:11px;color:{PALE}"
-        return render_block(
-            div(
-                "height:10px;border-radius:5px;"
-                f"background:linear-gradient(90deg,{stops})"
-            ),
-            div(
-                f"display:flex;justify-content:space-between;{small}",
-                *(f"<span>{value}</span>" for value in values),
-            ),
-            div(
-                small,
-                f"{render_dot(REST_COLOUR)}at rest "
-                f"{render_dot(INVALID_COLOUR)}not used",
-            ),
-        )
+def render_scale(scale: ColourScale) -> str:
+    """Return a scale of pressures as HTML: a bar with its values."""
+    shares = np.linspace(0.0, 1.0, 5).tolist()
+    stops = ", ".join(f"rgb({r},{g},{b})" for r, g, b in scale.table[::7].tolist())
+    values = [f"{scale.maximum * share * share:.3g}" for share in shares]
+    values[-1] += " kPa"
+    small = f"font-size:11px;color:{PALE}"
+    return render_block(
+        div(f"height:10px;border-radius:5px;background:linear-gradient(90deg,{stops})"),
+        div(
+            f"display:flex;justify-content:space-between;{small}",
+            *(f"<span>{value}</span>" for value in values),
+        ),
+        div(
+            small,
+            f"{render_dot(REST_COLOUR)}at rest {render_dot(INVALID_COLOUR)}not used",
+        ),
+    )
 
 
 MAP_HEIGHT = "clamp(100px,100vh - 500px,260px)"

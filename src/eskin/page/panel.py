@@ -14,7 +14,6 @@ from viser.uplot import Axis, Axis_Grid, Series, Series_Points
 from eskin.page.hand import MouseHand, PaintBrush, TouchMode
 from eskin.page.html import (
     AT_WORK,
-    ColourScale,
     choose_gesture_colours,
     list_gestures,
     render_bars,
@@ -28,6 +27,7 @@ from eskin.page.html import (
     render_purpose,
     render_request,
     render_result,
+    render_scale,
     render_status,
     render_warning,
     to_words,
@@ -43,6 +43,7 @@ from eskin.page.messages import (
     ViewUpdate,
 )
 from eskin.page.scene import PagePart
+from eskin.skin.colours import ColourScale
 
 Key = Literal[
     "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "I", "O", "Z", "S",
@@ -122,14 +123,14 @@ def add_scale(
     gui: GuiApi, scale: ColourScale, legend: GuiHtmlHandle | None = None
 ) -> None:
     """Add a slider that changes the maximum of the colour scale, below its legend."""
-    shown = legend or gui.add_html(scale.legend())
+    shown = legend or gui.add_html(render_scale(scale))
     slider = gui.add_slider(
         "scale to [kPa]", min=5, max=200, step=5, initial_value=int(scale.maximum)
     )
 
     def change(value: float) -> None:
         scale.maximum = float(value)
-        shown.content = scale.legend()
+        shown.content = render_scale(scale)
 
     obey(slider.on_update, change)
 
@@ -459,7 +460,7 @@ class GuidePanel(Panel):
         )
         self.result = gui.add_html("")
         self.log = gui.add_html(render_log(()))
-        legend = gui.add_html(scale.legend())
+        legend = gui.add_html(render_scale(scale))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Skin", Icon.GRID_DOTS):
             self.patches = gui.add_html("")

@@ -15,7 +15,6 @@ from queue import Empty, Queue
 from threading import Condition, Event, Thread
 from typing import final
 
-import eskin
 from eskin.errors import DeviceError
 from eskin.page.messages import (
     CorrectionOrder,
@@ -287,6 +286,6 @@ class PageProcess:
 
 def build_environment() -> dict[str, str]:
     """Return the environment of this process, with a path to the same eskin."""
-    source = str(Path(eskin.__file__).parents[1])
+    source = str(Path(__file__).parents[2])
     paths = [source, *filter(None, [os.environ.get("PYTHONPATH")])]
     return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}

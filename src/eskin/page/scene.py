@@ -16,11 +16,11 @@ from viser import (
     ViserServer,
 )
 
-from eskin.page.html import ColourScale
 from eskin.page.messages import (
     SceneDescription,
     ViewUpdate,
 )
+from eskin.skin.colours import ColourScale
 from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
 
 CORNERS = 12

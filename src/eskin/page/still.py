@@ -4,12 +4,12 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.page.appearance import describe_scene
-from eskin.page.html import ColourScale
 from eskin.page.process import make_token
 from eskin.page.scene import Scene
 from eskin.page.server import open_server
 from eskin.page.viewer import build_still
 from eskin.skin import MountedSkin
+from eskin.skin.colours import ColourScale
 
 
 def render_still(

@@ -1,12 +1,5 @@
-"""This package reads, writes and labels recordings, which are MCAP files."""
+"""This package reads and writes recordings, which are MCAP files."""
 
-from eskin.recording.autolabel import (
-    AutoLabelConfig,
-    AutoLabelResult,
-    LabelAgreement,
-    label_automatically,
-    label_recording,
-)
 from eskin.recording.reader import (
     NO_OVERRIDES,
     Overrides,
@@ -46,12 +39,9 @@ from eskin.recording.writer import (
 __all__ = [
     "NONE",
     "NO_OVERRIDES",
-    "AutoLabelConfig",
-    "AutoLabelResult",
     "DetectionRecord",
     "EventRecord",
     "Label",
-    "LabelAgreement",
     "Metadata",
     "PARTLY_LABELLED",
     "Overrides",
@@ -67,9 +57,7 @@ __all__ = [
     "check_new_recording",
     "check_no_overlap",
     "find_recordings",
-    "label_automatically",
     "label_instants",
-    "label_recording",
     "load_ranges",
     "read_calibration",
     "read_recording",

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from struct import error as StructError
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -201,19 +200,6 @@ class Recording:
                     yield self.build_scan(message.data, q)
             except (StructError, ValueError) as error:
                 raise unusable_message(self.path, message, error) from error
-
-    def pressures(self) -> Any:  # noqa: ANN401
-        """Return the pressure of each taxel at each reading [kPa], as the live system.
-
-        Returns:
-            An `xarray.DataArray` over `time` and `taxel`, with patch, link, row and
-            column of each taxel; without xarray a `pandas.DataFrame` with a row a
-            reading and a column a taxel; without either an array of that shape. The
-            first two have the attributes `units` and `calibration` (its `source`).
-        """
-        from eskin.recording.tables import measure_pressures
-
-        return measure_pressures(self)
 
     def truths(self) -> Iterator[TruthRecord]:
         """Read the ground truth of all touches from disk, if there is any."""

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from eskin.cli.checks import Excludes, Range, check_folder, check_picture
-from eskin.cli.skin import draw_picture
+from eskin.design.commands.show import draw_picture
 from eskin.errors import ExtraError
 from eskin.registry import advise_install
 from eskin.robot import Robot, load_robot

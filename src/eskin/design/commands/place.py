@@ -8,8 +8,8 @@ import numpy as np
 import tyro
 
 from eskin.cli.checks import Range, check_folder, check_picture
-from eskin.cli.skin import draw_picture
 from eskin.design.commands.design import MAX_COUNT, check_packages
+from eskin.design.commands.show import draw_picture
 from eskin.robot import Robot, load_robot
 from eskin.skin import Skin, load_skin, save_skin
 from eskin.skin.files import MANIFEST

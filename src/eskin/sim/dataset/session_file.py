@@ -8,13 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import GenerationError
-from eskin.recording import (
-    Label,
-    Metadata,
-    RecordingWriter,
-    build_rough_ranges,
-    label_automatically,
-)
+from eskin.labelling import label_automatically
+from eskin.recording import Label, Metadata, RecordingWriter, build_rough_ranges
 from eskin.sim.dataset.clip import SimulatedClip
 from eskin.sim.dataset.clip_generator import ClipGenerator
 from eskin.sim.dataset.index import ClipRow, build_row

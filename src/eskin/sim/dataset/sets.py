@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from eskin.learn.sets.socialtouch import GROUPS
+from eskin.sets.socialtouch import GROUPS
 from eskin.sim.constants import Constants
 from eskin.sim.people.recorded import RECORDED_CLASSES
 from eskin.sim.sensor.build import BuildKind

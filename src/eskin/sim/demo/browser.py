@@ -14,12 +14,12 @@ from typing import final
 
 import numpy as np
 
+from eskin.arms import SimulatedArm, Task
 from eskin.command import (
     Policy,
     PolicyConfig,
     QuestionConfig,
     SkinMonitorConfig,
-    Task,
     load_commands,
 )
 from eskin.drivers import Clock, Event, FixedJoints, HostClock
@@ -35,7 +35,6 @@ from eskin.page.viewer import (
 )
 from eskin.recording import PARTLY_LABELLED, Metadata
 from eskin.robot import Kinematics, load_robot
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.headless import DemoConfig, build_arm, is_on_arm
 from eskin.sim.demo.live_source import LiveSource, WaitingClock
 from eskin.sim.interactive import InteractiveSkin, LinkPoint

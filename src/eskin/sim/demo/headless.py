@@ -7,11 +7,11 @@ from typing import final
 
 import numpy as np
 
-from eskin.command import FRAME_TASK, MotionConfig, Policy, PolicyConfig, load_commands
+from eskin.arms import FRAME_TASK, DynamicPlant, MotionConfig, SimulatedArm
+from eskin.command import Policy, PolicyConfig, load_commands
 from eskin.drivers import Clock, ManualClock
 from eskin.errors import DeviceError
 from eskin.live import Recognizer, load_model
-from eskin.sim.arm import DynamicPlant, SimulatedArm
 from eskin.sim.demo.live_source import FaultStorm, LiveSource, StormConfig
 from eskin.sim.demo.score import CommandScore, ScoreListener
 from eskin.sim.demo.simulated_user import SimulatedUser, SimulatedUserConfig

@@ -6,9 +6,9 @@ from typing import final
 
 import numpy as np
 
+from eskin.arms import SimulatedArm
 from eskin.command import ArmState, CommandMap, Question, resolve_action
 from eskin.recording import NONE, TruthRecord
-from eskin.sim.arm import SimulatedArm
 from eskin.sim.demo.score import GRACE, Attempt, CommandScore
 from eskin.sim.interactive import InteractiveSkin, LinkPoint, draw_demo_person
 from eskin.units import NS_PER_S

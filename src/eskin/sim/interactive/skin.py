@@ -6,7 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.sim.arm import Wrench
+from eskin.arms import Wrench
 from eskin.sim.dataset.clip import get_build
 from eskin.sim.dataset.plan import BuildOrigin, Origin, build_rng, build_seed
 from eskin.sim.interactive.hand import InteractiveHand

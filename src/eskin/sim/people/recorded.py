@@ -18,8 +18,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eskin.errors import GenerationError, ImportSourceError
-from eskin.learn.sets.conversion import find_files
-from eskin.learn.sets.socialtouch import (
+from eskin.recording import NONE
+from eskin.sets.conversion import find_files
+from eskin.sets.socialtouch import (
     COLUMNS,
     FULL_SCALE,
     GROUPS,
@@ -31,7 +32,6 @@ from eskin.learn.sets.socialtouch import (
     find_group,
     read_repetitions,
 )
-from eskin.recording import NONE
 from eskin.sim.constants import MM, Constants
 from eskin.sim.contact.press import ContactSite, MoviePress, TrueTouch
 from eskin.sim.contact.pressure import compute_movie_force, find_middle

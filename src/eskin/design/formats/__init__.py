@@ -1,0 +1,1 @@
+"""Formats in which other projects describe where taxels are."""

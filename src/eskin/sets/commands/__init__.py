@@ -1,0 +1,1 @@
+"""Commands that convert public sets."""
