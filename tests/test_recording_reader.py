@@ -19,7 +19,6 @@ from eskin.recording.mcap_file import (
     MAGIC,
     MAX_CHUNK_BYTES,
     RECORD_HEADER,
-    encode_records,
 )
 from eskin.recording.messages import pack_joint_state
 from eskin.touch import Calibration
@@ -31,7 +30,7 @@ from helpers.recordings import (
     make_scans,
     write_recording,
 )
-from lab.fuzz.recordings import RecordingTarget, joined
+from lab.fuzz.recordings import RecordingTarget, encode_records, joined
 
 OPCODES = {
     Chunk: Opcode.CHUNK,

@@ -266,9 +266,10 @@ def test_block_that_cannot_be_written_is_refused_as_a_whole(tmp_path):
 
 
 def test_writer_renames_its_part_file_when_the_recording_is_complete(tmp_path):
-    """What was written until then can be read up to the last second."""
+    """It can be read from the start, and has all scans up to the last second."""
     path = tmp_path / "a.mcap"
     with open_writer(path) as writer:
+        assert read_recording(tmp_path / "a.mcap.part").metadata == METADATA
         write_all(writer, SCANS[:50], ())
         assert not path.exists()
         part = read_recording(tmp_path / "a.mcap.part")

@@ -11,7 +11,7 @@ from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message
 from mcap.records import Metadata as MetadataItem
 
 from eskin.recording import Label, Metadata, RecordingWriter
-from eskin.recording.mcap_file import MAGIC, encode_records
+from eskin.recording.mcap_file import MAGIC
 from eskin.recording.messages import LABEL, READING, pack_label
 from eskin.recording.records import CALIBRATION_NAME, FORMAT, RECORD_NAME, SKIN_NAME
 from eskin.skin import Skin, build_grid_skin, skin_to_bytes
@@ -26,6 +26,7 @@ from lab.attacks.hostile_texts import (
     write_hole,
     write_noise,
 )
+from lab.fuzz.recordings import encode_records
 
 START = 1_700_000_000_000_000_000
 PERIOD = 20_000_000

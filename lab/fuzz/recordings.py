@@ -3,15 +3,16 @@
 import random
 import struct
 import zlib
+from collections.abc import Iterable
 from io import BytesIO
 from pathlib import Path
 from typing import final
 
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Chunk
+from mcap.records import Chunk, McapRecord
 
 from eskin.errors import RecordingError
 from eskin.recording import (
@@ -22,7 +23,7 @@ from eskin.recording import (
     TruthRecord,
     read_recording,
 )
-from eskin.recording.mcap_file import MAGIC, RECORD_HEADER, encode_records
+from eskin.recording.mcap_file import MAGIC, RECORD_HEADER
 from eskin.touch import Calibration, Scan
 from lab.fuzz.mutation import EDGES, mutate
 from lab.fuzz.run import Target, check_refusal
@@ -103,6 +104,14 @@ def write(path: Path) -> None:
                 peak_force=1.0,
             )
         )
+
+
+def encode_records(records: Iterable[McapRecord]) -> bytes:
+    """Encode records one after the other."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return builder.end()
 
 
 def split(data: bytes) -> list[Record]:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from mcap.writer import Writer
 
 from eskin.errors import RecordingError
 from eskin.files import atomic_path, rename_new
 from eskin.recording.cdr import Topic
-from eskin.recording.mcap_file import McapWriter
 from eskin.recording.messages import (
     DETECTION,
     EVENT,
@@ -117,7 +117,7 @@ class RecordingWriter:
                 f"cannot write {self.part}: {error.strerror}; give a path in a folder "
                 "that exists and can be written to"
             ) from error
-        self.mcap = McapWriter(self.file, "ros2", "eskin")
+        self.mcap = Writer(self.file)
         try:
             self.write_header(robot_name, urdf, calibration, metadata)
         except BaseException:
@@ -129,26 +129,34 @@ class RecordingWriter:
         self, robot_name: str, urdf: bytes, calibration: Calibration, metadata: Metadata
     ) -> None:
         """Write metadata and attachments and declare the topics."""
+        self.mcap.start("ros2", "eskin")
         facts = {"format": FORMAT, "robot": robot_name, "skin": self.skin.name}
         facts["joints"] = json.dumps(self.joint_names)
         self.mcap.add_metadata(RECORD_NAME, facts | metadata.to_record())
-        skin_yaml = encode_skin(self.skin)
-        self.mcap.add_attachment(SKIN_NAME, "application/yaml", skin_yaml)
-        self.mcap.add_attachment(
+        self.add_attachment(SKIN_NAME, "application/yaml", encode_skin(self.skin))
+        self.add_attachment(
             CALIBRATION_NAME, "application/json", calibration.to_bytes()
         )
         if urdf:
-            self.mcap.add_attachment(URDF_NAME, "application/xml", urdf)
+            self.add_attachment(URDF_NAME, "application/xml", urdf)
         self.channels: dict[str, int] = {}
         for topic in TOPICS:
             if topic != JOINT_STATES or self.joint_names:
                 self.declare_topic(topic)
-        self.file.flush()
+        self.mcap.flush()
+
+    def add_attachment(self, name: str, media_type: str, content: bytes) -> None:
+        """Write an attachment without a time, so that equal ones have equal bytes."""
+        self.mcap.add_attachment(0, 0, name, media_type, content)
 
     def declare_topic(self, topic: Topic) -> None:
         """Add a channel for a topic to the file."""
-        self.channels[topic.name] = self.mcap.add_channel(
-            topic.name, topic.type_name, topic.definition
+        schema = self.mcap.register_schema(
+            topic.type_name, "ros2msg", topic.definition.encode()
+        )
+        metadata = {"offered_qos_profiles": ""}
+        self.channels[topic.name] = self.mcap.register_channel(
+            topic.name, "cdr", schema, metadata
         )
 
     def write(self, scan: Scan) -> None:
@@ -190,7 +198,7 @@ class RecordingWriter:
     def append_scan(self, stamp: int, reading: bytes, state: bytes) -> None:
         """Append the messages of one scan; start a new chunk after one second."""
         if self.chunk_start is None or stamp - self.chunk_start >= NS_PER_S:
-            self.mcap.end_chunk()
+            self.mcap.flush()
             self.chunk_start = stamp
         if self.joint_names:
             self.append_message(JOINT_STATES, stamp, state)
@@ -257,11 +265,12 @@ class RecordingWriter:
         """Append one message to the chunk, after declaring its topic if needed."""
         if topic.name not in self.channels:
             self.declare_topic(topic)
-        self.mcap.add_message(self.channels[topic.name], stamp, data)
+        channel = self.channels[topic.name]
+        self.mcap.add_message(channel, stamp, data, publish_time=stamp)
 
     def sync(self) -> None:
         """End the chunk and wait until everything so far is on the disk."""
-        self.mcap.end_chunk()
+        self.mcap.flush()
         os.fsync(self.file.fileno())
 
     def close(self) -> None:
@@ -289,7 +298,7 @@ class RecordingWriter:
     def abandon(self) -> None:
         """Stop and leave what was written in the `.part` file, without an index."""
         if not self.file.closed:
-            self.mcap.end_chunk()
+            self.mcap.flush()
             self.file.close()
 
     def __enter__(self) -> "RecordingWriter":
