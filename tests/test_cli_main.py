@@ -210,7 +210,7 @@ def test_unknown_option_is_refused(name, refuse):
 
 
 def test_messages_name_options_that_exist():
-    known = {"--json", "--help", "--version", "--head", "--same-touch", "--results"}
+    known = {"--json", "--help", "--version", "--head", "--results"}
     for name in COMMANDS:
         known |= set(list_options(load_command(name)[1]))
     named = {
@@ -393,7 +393,7 @@ def test_too_little_memory_is_said_in_one_line(monkeypatch, capsys):
     def exhaust(_):
         raise MemoryError("cannot allocate 9 GiB")
 
-    monkeypatch.setattr("eskin.cli.main.check_moved", exhaust)
+    monkeypatch.setattr("eskin.cli.main.split_command", exhaust)
     assert run(["doctor"]) == 2
     assert re.fullmatch("error: too little memory .*9 GiB.*\n", capsys.readouterr().err)
 

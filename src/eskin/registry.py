@@ -176,12 +176,6 @@ COMMANDS = {
 
 LEARNING = "eskin.learn.commands.models"
 """Module of the functions that train and score models from Python."""
-MOVED = {
-    "compare": "python -m lab.compare",
-    "demo --same-touch": "python -m lab.same_touch",
-    "study": "python -m lab.study of commit 6f03fd1",
-}
-"""Commands and options that belong to the laboratory, with their commands there."""
 
 
 def load_function(target: str) -> Callable[..., Any]:

@@ -27,7 +27,7 @@ from eskin.cli.checks import check_files, check_options
 from eskin.cli.options import insert_description, list_options, registry
 from eskin.cli.parse_errors import rewrite_parse_error
 from eskin.errors import EskinError, PlatformError, StreamError, check_platform
-from eskin.registry import COMMANDS, MOVED, advise_install, load_function
+from eskin.registry import COMMANDS, advise_install, load_function
 
 CHECKED_FIRST = ("demo", "evaluate", "export", "run", "train")
 """Commands that take a second or more before they read their files."""
@@ -104,7 +104,6 @@ def run(argv: list[str]) -> int:
 
             print(f"eskin {version('eskin')}")
         else:
-            check_moved(argv)
             name, rest = split_command(argv)
             extra = COMMANDS[name].extra
             run_command(name, rest)
@@ -167,21 +166,6 @@ def load_command(name: str) -> tuple[Callable[[Any], dict[str, object]], type]:
     """Import a command's module; return its function and the dataclass it takes."""
     function = load_function(COMMANDS[name].target)
     return function, inspect.signature(function).parameters["command"].annotation
-
-
-def check_moved(argv: Sequence[str]) -> None:
-    """Raise if a command or one of its options belongs to the laboratory.
-
-    Raises:
-        ValueError: it does; the message gives the command there.
-    """
-    for name, command in MOVED.items():
-        first, *options = name.split()
-        if argv[0] == first and set(options) <= set(argv):
-            raise ValueError(
-                f"eskin {name} belongs to the laboratory; allowed in a clone of eskin "
-                f"is {command}"
-            )
 
 
 def split_command(argv: list[str]) -> tuple[str, list[str]]:
