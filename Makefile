@@ -1,9 +1,8 @@
 # Every target builds .venv when it is missing, with what it needs: the core for the demo
 # (0.6 GB), everything for the others (3 GB). Only Python 3.11 and make are needed.
 PYTHON ?= python3.11
-DATA ?= ../shared/data/sleeve
-SHEARSENSE ?= ../shared/data/shearsense
-SOCIALTOUCH ?= ../shared/data/socialtouch
+DATA ?= ../shared/data
+SOCIALTOUCH ?= $(DATA)/socialtouch
 BIN := .venv/bin
 CORE := .venv/.core
 READY := .venv/.ready
@@ -47,17 +46,20 @@ bench: $(READY)
 	$(BIN)/python -m lab.memory
 	$(BIN)/python -m lab.start
 
-# The tables of docs/results.md: simulated people and real recordings, each some hours on
-# two cores, most of them for networks. What was answered is kept in SETS/kept, so that a
-# run that was cut goes on. FORM=short shows in two minutes that all of it runs.
+# The tables of docs/results.md, part by part: what is missing at this commit.
+# PARTS="people streams" runs these alone, and a run ends after MINUTES; the next goes on. What was answered is kept in SETS/kept. FORM=short shows in
+# two minutes that methods are trained and compared. `python -m lab.results list` shows what
+# is done.
 FORM ?= long
 SETS ?= sets
+PARTS ?=
+MINUTES ?= 110
 results: $(READY)
-	$(BIN)/python -m lab.results all --form $(FORM) --sets "$(SETS)"
-	$(BIN)/python -m lab.paper all --form $(FORM) --sets "$(SETS)"
-ifneq ($(FORM),short)
-	$(BIN)/python -m lab.real_recordings sleeve --data "$(DATA)" --work "$(SETS)"
-	$(BIN)/python -m lab.real_recordings shearsense --data "$(SHEARSENSE)" --work "$(SETS)"
+ifeq ($(FORM),short)
+	$(BIN)/python -m lab.comparison all --form short --sets "$(SETS)"
+	$(BIN)/python -m lab.paper all --form short --sets "$(SETS)"
+else
+	$(BIN)/python -m lab.results run $(PARTS) --sets "$(SETS)" --data "$(DATA)" --minutes $(MINUTES)
 endif
 
 # What the simulated world is held to, and the weights on touches that it did not make.

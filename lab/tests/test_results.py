@@ -1,0 +1,191 @@
+"""Tests of the page of results: its parts run again, and its figures stand once."""
+
+import re
+import subprocess
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lab import results
+from lab.program import run_program
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "results.md").read_text()
+SECTIONS = {section.partition("\n")[0]: section for section in PAGE.split("\n## ")[1:]}
+BLOCK = re.compile(r"^```\n(.*?)^```", re.MULTILINE | re.DOTALL)
+COMMAND = re.compile(r"python -m lab\..+|eskin (?:bench|demo) .+")
+COMMIT = re.compile(r"\b[0-9a-f]{8}\b|not known")
+FIGURE = re.compile(r"\d(?:[\d.]*\d)?(?= ?(?:%|ms|s)\b| ?%)")
+DECIMAL = re.compile(r"-?\d+\.\d+")
+
+
+def find_commands(section):
+    """Return the commands of a section: of its blocks, and of its sentences."""
+    lines = "\n".join(BLOCK.findall(section)).splitlines()
+    spans = re.findall(r"`([^`\n]+)`", BLOCK.sub("", section))
+    return [each for each in [*lines, *spans] if COMMAND.fullmatch(each)]
+
+
+def test_every_command_of_the_page_belongs_to_one_part_of_its_heading():
+    on_page = Counter(
+        (heading, command)
+        for heading, section in SECTIONS.items()
+        for command in find_commands(section)
+    )
+    of_parts = Counter(
+        (part.heading, command) for part in results.PAGE for command in part.commands
+    )
+    assert on_page == of_parts
+    assert set(of_parts.values()) == {1}
+    assert len(results.PARTS) == len(results.PAGE)
+
+
+def test_every_table_of_the_page_tells_its_commit():
+    for heading, section in SECTIONS.items():
+        before = ""
+        for line in section.splitlines():
+            if line.startswith("|") and not before.startswith("|"):
+                is_told = heading == "Twelve figures" or COMMIT.search(before)
+                assert is_told or "| commit |" in line, line
+            before = line or before
+
+
+ROWS = {
+    "sleeve worn on an arm": "sleeve, 7, three seeds",
+    "ShearSense pad, 18 gestures": "ShearSense, pressure, 18",
+    "ShearSense pad with its shear": "with shear, 18",
+    "SocialTouch array, 32 gestures": "SocialTouch, 32",
+    "simulated UR5 skin, 4 gestures": "the paper's network, trained until it stops",
+}
+"""Rows of the README by their beginnings, each with its row of the results."""
+PAPER = {"91.1"}
+"""Figures of the README that the paper reports itself."""
+
+
+def find_row(text, begin):
+    """Return the one row of a table that begins so."""
+    (row,) = [line for line in text.splitlines() if line.startswith(f"| {begin}")]
+    return row
+
+
+@pytest.mark.parametrize(("begin", "row"), ROWS.items())
+def test_row_of_the_readme_has_the_figures_of_the_results(begin, row):
+    figures = DECIMAL.findall(find_row((ROOT / "README.md").read_text(), begin))
+    assert len(figures) >= 4
+    assert set(figures) <= set(DECIMAL.findall(find_row(PAGE, row)))
+
+
+def test_readme_has_no_figure_that_is_in_no_table():
+    text = (ROOT / "README.md").read_text()
+    rows = {find_row(text, begin) for begin in ROWS}
+    rest = "\n".join(line for line in text.splitlines() if line not in rows)
+    paper = (ROOT / "docs" / "paper.md").read_text()
+    assert set(FIGURE.findall(rest.replace("[95 %]", ""))) == PAPER
+    assert all(f"{figure} %" in paper for figure in PAPER)
+
+
+@pytest.fixture
+def part(monkeypatch):
+    """A part of three commands, which write a line into a file of its folder each."""
+    code = "import sys; open(sys.argv[1], 'a').write(sys.argv[2]); print(sys.argv[2])"
+    commands = [f'python -c "{code}" FOLDER/log.txt {n}' for n in range(3)]
+    part = results.Part("short", "Heading", tuple(commands))
+    monkeypatch.setattr(results, "PAGE", (part,))
+    monkeypatch.setattr(results, "PARTS", {"short": part})
+    monkeypatch.setattr(results, "find_commit", lambda root: "11111111")
+    return part
+
+
+def run(tmp_path, *words):
+    """Run the program on sets in a folder, and return its exit code."""
+    argv = ["run", "--sets", str(tmp_path / "my sets"), *words]
+    return run_program(results.run_results, argv)
+
+
+def read_log(tmp_path, part):
+    """Return what the commands have written, in their order."""
+    return (results.find_folder(tmp_path / "my sets", part) / "log.txt").read_text()
+
+
+def test_run_goes_on_where_it_was_cut(tmp_path, part, monkeypatch):
+    whole = results.run_command
+    begun = []
+
+    def cut(argv, timeout):
+        begun.append(argv)
+        if len(begun) == 2:
+            raise KeyboardInterrupt
+        return whole(argv, timeout)
+
+    monkeypatch.setattr(results, "run_command", cut)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path)
+    assert read_log(tmp_path, part) == "0"
+    assert run(tmp_path) == 0
+    assert read_log(tmp_path, part) == "012"
+    assert run(tmp_path) == 0
+    assert read_log(tmp_path, part) == "012"
+    outputs = results.read_outputs(tmp_path / "my sets", part)
+    assert [each.output for each in outputs.values()] == ["0", "1", "2"]
+    assert tuple(outputs) == part.commands
+
+
+@pytest.mark.parametrize("commit", ["22222222", "11111111+"])
+def test_output_of_another_commit_is_measured_again(
+    tmp_path, part, monkeypatch, capsys, commit
+):
+    assert run(tmp_path) == 0
+    monkeypatch.setattr(results, "find_commit", lambda root: commit)
+    argv = ["list", "--sets", str(tmp_path / "my sets")]
+    assert run_program(results.run_results, argv) == 0
+    assert "| short | Heading | 0 of 3 | 11111111 |" in capsys.readouterr().out
+    assert run(tmp_path) == 0
+    assert read_log(tmp_path, part) == "012", "the folder begins empty"
+    outputs = results.read_outputs(tmp_path / "my sets", part).values()
+    assert {each.commit for each in outputs} == {commit}
+
+
+def test_command_that_fails_is_not_kept(tmp_path, part, monkeypatch, capsys):
+    bad = replace(part, commands=(*part.commands[:1], 'python -c "1 / 0"'))
+    monkeypatch.setattr(results, "PAGE", (bad,))
+    monkeypatch.setattr(results, "PARTS", {"short": bad})
+    assert run(tmp_path) == 2
+    assert "ended with 1" in capsys.readouterr().err.splitlines()[-1]
+    assert len(results.read_outputs(tmp_path / "my sets", bad)) == 1
+
+
+def test_command_is_ended_when_the_time_is_over(tmp_path, part, monkeypatch, capfd):
+    endless = replace(part, commands=('python -c "import time; time.sleep(60)"',))
+    monkeypatch.setattr(results, "PAGE", (endless,))
+    monkeypatch.setattr(results, "PARTS", {"short": endless})
+    assert run(tmp_path, "--minutes", "0.001") == 0
+    assert "are over" in capfd.readouterr().out
+    assert not results.read_outputs(tmp_path / "my sets", endless)
+
+
+def test_commit_is_marked_where_files_differ_from_it(tmp_path):
+    def git(*words):
+        argv = ["git", "-c", "user.name=a", "-c", "user.email=a@b", *words]
+        subprocess.run(argv, cwd=tmp_path, check=True, capture_output=True)
+
+    git("init")
+    for place in ("src", "lab", "docs"):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "a.py").write_text("1\n")
+    git("add", ".")
+    git("commit", "-m", "first")
+    first = results.find_commit(tmp_path)
+    assert re.fullmatch("[0-9a-f]{8}", first)
+    (tmp_path / "docs" / "a.py").write_text("2\n")
+    assert results.find_commit(tmp_path) == first
+    git("commit", "-am", "second")
+    assert results.find_commit(tmp_path) == first, "docs change no figure"
+    (tmp_path / "src" / "a.py").write_text("2\n")
+    assert results.find_commit(tmp_path) == first + "+"
+
+
+def test_unknown_part_is_refused_in_one_line(tmp_path, part, capsys):
+    assert run(tmp_path, "long") == 2
+    assert "part 'long'; allowed are short" in capsys.readouterr().err
