@@ -22,7 +22,9 @@ from eskin.touch import Calibration
 
 HELP = """no recordings in {data}; get the files touch_*.csv of \
 github.com/yliess86/SocialTouch and run: make touches SOCIALTOUCH=that/folder"""
-BEFORE, AFTER, PERIOD = 20, 10, social.PERIOD_NS  # Scans at rest; period [ns].
+BEFORE = 20  # scans at rest before a touch
+AFTER = 10  # scans at rest after it
+PERIOD = social.PERIOD_NS  # from one scan to the next [ns]
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from eskin.learn.config import TrainConfig
 from eskin.recording import Label, Metadata, write_all
 from eskin.skin import build_grid_skin
 
-RATE, PERIOD = 50, 20_000_000  # scans a second; time from one to the next [ns]
+RATE = 50  # scans a second [Hz]
+PERIOD = 20_000_000  # from one scan to the next [ns]
 SKIN = build_grid_skin(12, 16, calibrated=True)
 CALIBRATION = eskin.Calibration.uniform(SKIN.count, 4095, 100.0)
 

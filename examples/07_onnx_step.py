@@ -20,7 +20,8 @@ from eskin.robot import load_robot
 from eskin.skin import MountedSkin, build_grid_skin
 from eskin.touch import Calibration, Scan, TouchPipeline
 
-RATE, SECOND = 50, 1_000_000_000  # scans a second; one second [ns]
+RATE = 50  # scans a second [Hz]
+SECOND = 1_000_000_000  # [ns]
 
 
 class OnnxSteps:

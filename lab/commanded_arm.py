@@ -68,10 +68,20 @@ ROWS: dict[str, DemoConfig] = {
 
 
 HEAD = [
-    *("condition", "touches", "obeyed", "wrong", "accidents", "stops by accidents"),
-    *("unasked to go on an hour", "command after the end p50 / p95 [s]"),
-    *("stop after the onset p50 / p95 [s]", "arm not held"),
-    *("commands of faults", "to go on", "questions", "answered"),
+    "condition",
+    "touches",
+    "obeyed",
+    "wrong",
+    "accidents",
+    "stops by accidents",
+    "unasked to go on an hour",
+    "command after the end p50 / p95 [s]",
+    "stop after the onset p50 / p95 [s]",
+    "arm not held",
+    "commands of faults",
+    "to go on",
+    "questions",
+    "answered",
 ]
 
 

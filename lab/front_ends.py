@@ -271,7 +271,8 @@ def play_fault(
     player = Player(row, number)
     target = build_target(player.skin, player.calibration, number)
     faulty = FaultySkin.__new__(FaultySkin)
-    faulty.target, faulty.disturb = target, FAULTS[fault](target)
+    faulty.target = target
+    faulty.disturb = FAULTS[fault](target)
     faulty.first = None
     first = int(data["stamps"][0])
     for scan in read_scans(data):

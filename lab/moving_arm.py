@@ -42,9 +42,22 @@ from lab.touched_arm import KINDS, TouchedArm, list_seeds
 
 HARD_GRIP = "hard grip"
 TOUCHES = (
-    *("poke", "double_pat", "grab", "stroke", HARD_GRIP, "lean", "bump"),
-    *("resting_hand", "press", "squeeze_hold", "single_pat", "guiding", "brush"),
-    *("rub", "squeeze", "tap_many"),
+    "poke",
+    "double_pat",
+    "grab",
+    "stroke",
+    HARD_GRIP,
+    "lean",
+    "bump",
+    "resting_hand",
+    "press",
+    "squeeze_hold",
+    "single_pat",
+    "guiding",
+    "brush",
+    "rub",
+    "squeeze",
+    "tap_many",
 )
 """Ways in which people touch a moving arm."""
 LEAST_FORCE = 5.0
@@ -66,13 +79,28 @@ INTERVALS = (None, 20.0, 10.0, 5.0)
 SPREAD = (0.5, 1.5)
 """Shortest and longest interval, as shares of the mean."""
 TOUCH_HEAD = (
-    *("touch", "touches", "in 0.25 s", "0.25 s after 5 N", "suspended", "felt"),
-    *("of those suspended", "first contact to stand p50 / p95 [s]"),
-    *("went on against it", "felt then"),
+    "touch",
+    "touches",
+    "in 0.25 s",
+    "0.25 s after 5 N",
+    "suspended",
+    "felt",
+    "of those suspended",
+    "first contact to stand p50 / p95 [s]",
+    "went on against it",
+    "felt then",
 )
 LOST_HEAD = (
-    *("build", "accidents every", "minutes", "accidents", "lost", "suspended"),
-    *("stopped", "reaching its speed", "slowed", "touched"),
+    "build",
+    "accidents every",
+    "minutes",
+    "accidents",
+    "lost",
+    "suspended",
+    "stopped",
+    "reaching its speed",
+    "slowed",
+    "touched",
 )
 
 

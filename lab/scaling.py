@@ -32,7 +32,9 @@ SKINS = (UR5, 8192, 32768, 131072)
 ACTIVE = (5, 10, 20, 40, 60, 80, 120, 160)
 USUAL = 60
 HEADS = ("taxels", "active", "p50 [ms]", "p99 [ms]", "ratio to the first")
-BLUE, ORANGE = "#0072b2", "#d55e00"  # distinct for all colour vision
+# Two colours that are distinct for all colour vision.
+BLUE = "#0072b2"
+ORANGE = "#d55e00"
 
 
 @dataclass(frozen=True)

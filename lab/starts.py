@@ -50,9 +50,15 @@ HESITATION = (0.1, 0.5)
 LONGEST = 30.0
 """Time after which a skin counts as never quiet, or an arm as never moving [s]."""
 HEAD = (
-    *("build", "people", "first try", "within two", "within three", "tries"),
-    *("question to motion p50 / p95 [s]", "first contact to motion p50 / p95 [s]"),
-    *("grabs not detected as such",),
+    "build",
+    "people",
+    "first try",
+    "within two",
+    "within three",
+    "tries",
+    "question to motion p50 / p95 [s]",
+    "first contact to motion p50 / p95 [s]",
+    "grabs not detected as such",
 )
 
 

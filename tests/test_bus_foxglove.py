@@ -27,14 +27,13 @@ from helpers.streams import INFO, played
 PROTOCOL = "foxglove.sdk.v1"
 MESSAGE = 1
 ASSET = 4
-MARKERS, PRESSURE, DETECTION, DESCRIPTION, JOINTS, COMMAND_EVENT = TOPICS = (
-    "/eskin/markers",
-    "/eskin/pressure",
-    "/eskin/detection",
-    "/robot_description",
-    "/joint_states",
-    "/eskin/command_event",
-)
+MARKERS = "/eskin/markers"
+PRESSURE = "/eskin/pressure"
+DETECTION = "/eskin/detection"
+DESCRIPTION = "/robot_description"
+JOINTS = "/joint_states"
+COMMAND_EVENT = "/eskin/command_event"
+TOPICS = (MARKERS, PRESSURE, DETECTION, DESCRIPTION, JOINTS, COMMAND_EVENT)
 
 
 class Client:

@@ -142,7 +142,8 @@ def test_patches_are_received_over_udp(capsys, tmp_path):
 
 
 def test_interrupt_finishes_recording(recording, tmp_path, capsys, monkeypatch):
-    (path, count), kept = recording, tmp_path / "kept.mcap"
+    path, count = recording
+    kept = tmp_path / "kept.mcap"
     start = TerminalPrinter.start
 
     def start_and_interrupt(printer, context):

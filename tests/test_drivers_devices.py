@@ -249,7 +249,8 @@ class Script(SampleDevice):
     """Gives samples when they are due, and is gone in between where it should be."""
 
     def __init__(self, clock, events):
-        self.clock, self.events = clock, sorted(events, key=lambda event: event[0])
+        self.clock = clock
+        self.events = sorted(events, key=lambda event: event[0])
         self.open = False
 
     def connect(self):

@@ -140,7 +140,8 @@ class FaultRun:
             while not cable.over.is_set() and time.monotonic() < until:
                 stream.wait(0.01)
         assert cable.over.is_set()
-        self.start, self.end = cable.start, cable.start + self.device.elapsed
+        self.start = cable.start
+        self.end = self.start + self.device.elapsed
         self.outcomes = source.assembler.outcomes.counts
         self.counters = source.counters()
         self.queue = stream.queue_counts()["recognition"]

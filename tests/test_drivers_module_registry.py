@@ -39,12 +39,14 @@ def send_hellos(hellos, before=()):
         (
             [(2, OTHER, "a"), (3, FIRST, "a"), (4, FIRST, "a"), (5.1, FIRST, "a")],
             ["conflict", "returned"],
-            *("a", 1),
+            "a",
+            1,
         ),
         (
             [(2, OTHER, "a"), (2.5, FIRST, "a"), (4, OTHER, "a"), (5.6, OTHER, "a")],
             ["conflict", "replaced"],
-            *("a", 2),
+            "a",
+            2,
         ),
         ([(2, OTHER, "a"), (3, OTHER, "a"), (5, OTHER, "a")], ["replaced"], "a", 2),
     ],

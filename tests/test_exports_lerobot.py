@@ -62,7 +62,8 @@ def test_info_describes_every_column_as_it_is(written):
     table = read_frames(folder, 0)
     assert table.column_names == list(info["features"])
     for name, each in info["features"].items():
-        [size], kind = each["shape"], table.schema.field(name).type
+        [size] = each["shape"]
+        kind = table.schema.field(name).type
         if size > 1:
             assert kind.list_size == size
             kind = kind.value_type

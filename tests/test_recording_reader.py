@@ -181,7 +181,8 @@ def change_chunk(target, old, new):
     def change(chunk):
         data = get_content(chunk).replace(old, new)
         chunk.data = zstandard.compress(data)
-        chunk.uncompressed_size, chunk.uncompressed_crc = len(data), zlib.crc32(data)
+        chunk.uncompressed_size = len(data)
+        chunk.uncompressed_crc = zlib.crc32(data)
 
     return change_record(target, Chunk, change, old)
 

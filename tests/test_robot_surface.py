@@ -21,11 +21,10 @@ from eskin.robot import (
 from eskin.robot.triangles import compute_solid_angles, find_nearest_points
 from eskin.transforms import apply, make_transform, random_rotation
 
-CYLINDER, SPHERE, BOX = SHAPES = [
-    Cylinder(0.05, 0.25),
-    Sphere(0.1),
-    Box((0.1, 0.2, 0.3)),
-]
+CYLINDER = Cylinder(0.05, 0.25)
+SPHERE = Sphere(0.1)
+BOX = Box((0.1, 0.2, 0.3))
+SHAPES = [CYLINDER, SPHERE, BOX]
 SPHERE_MESH = build_shape_mesh(SPHERE, 24)
 BOX_MESH = build_shape_mesh(BOX)
 

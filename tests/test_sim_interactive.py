@@ -235,7 +235,8 @@ def test_unplugged_patch_is_not_received_and_the_others_are_unchanged():
         np.testing.assert_array_equal(scan.counts[~out], expected.counts[~out])
         np.testing.assert_array_equal(scan.received[~out], expected.received[~out])
     one.plug("forearm_back")
-    (scan, _), (expected, _) = scan_many(one, 1)[0], scan_many(other, 1)[0]
+    scan, _ = scan_many(one, 1)[0]
+    expected, _ = scan_many(other, 1)[0]
     np.testing.assert_array_equal(scan.counts, expected.counts)
 
 

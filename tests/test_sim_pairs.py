@@ -92,7 +92,8 @@ def test_bending_brings_taxels_closer_in_space_but_not_along_the_skin():
 
 def test_flat_press_has_force_area_and_place_of_the_grab():
     for pair in make_pairs("bending"):
-        (grab,), (press,) = pair.first.truths, pair.second.truths
+        [grab] = pair.first.truths
+        [press] = pair.second.truths
         assert (press.kind, press.link) == ("press", "table")
         np.testing.assert_array_equal(grab.force, press.force)
         np.testing.assert_array_equal(grab.area, press.area)
@@ -131,7 +132,8 @@ def test_merging_patches_meet_in_one_pose_only():
 def test_two_touches_far_apart_share_the_gesture_on_merged_patches():
     low, high = CONSTANTS.array("pairs.interval")
     for pair in make_pairs("merging"):
-        (both,), (first, second) = pair.first.truths, pair.second.truths
+        [both] = pair.first.truths
+        first, second = pair.second.truths
         np.testing.assert_allclose(first.force + second.force, both.force)
         if pair.labels[0] == "double_pat":
             assert {first.kind, second.kind} == {"single_pat"}

@@ -87,7 +87,8 @@ def test_places_between_taxels_map_both_ways_and_lie_on_the_shape():
 
 @pytest.mark.parametrize("pads", [TIP, FINGERS], ids=["tip", "fingers"])
 def test_contact_on_a_sheet_is_that_on_the_tube_under_it(pads):
-    (tube,), (sheet, _) = build_charts(TUBE, RIM), build_sheet_charts(TUBE, RIM)
+    [tube] = build_charts(TUBE, RIM)
+    sheet, _ = build_sheet_charts(TUBE, RIM)
     taxel = sheet.own[np.argmin(np.linalg.norm(sheet.unrolled[sheet.own], axis=1))]
     at = np.searchsorted(tube.taxels, sheet.taxels[taxel])
     steps = sheet.unrolled[taxel] + [[0.0, 0.0], [0.0, 1e-4]]

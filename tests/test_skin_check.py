@@ -110,8 +110,12 @@ def test_all_problems_are_listed():
     skin = replace(skin, areas=areas, patches=(*skin.patches, empty))
     problems = check_skin(skin, ROBOT)
     assert sorted((p.patch, p.taxel or 0) for p in problems) == [
-        *(("empty", 0), ("upper_arm_front", 0), ("upper_arm_front", 1)),
-        *(("upper_arm_front", 2), ("wrist_3", 0), ("wrist_3", 0)),
+        ("empty", 0),
+        ("upper_arm_front", 0),
+        ("upper_arm_front", 1),
+        ("upper_arm_front", 2),
+        ("wrist_3", 0),
+        ("wrist_3", 0),
     ]
 
 

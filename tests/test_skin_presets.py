@@ -61,10 +61,15 @@ def test_skins_of_public_data_are_flat_grids_of_nominal_pitch():
 @pytest.mark.parametrize(
     ("name", "factor", "count"),
     [
-        *(("ur5-half", 0.5, 1056), ("ur5-double", 2.0, 4224)),
-        *(("ur5-sparse", 0.7, 1478), ("ur5-dense", 1.4, 2957)),
-        *(("ur5-shapes", 1.0, None), ("ur5-missing", 1.0, 2112 - 468)),
-        *(("ur10", 1.0, None), ("base", 1.0, None), ("post", 1.0, None)),
+        ("ur5-half", 0.5, 1056),
+        ("ur5-double", 2.0, 4224),
+        ("ur5-sparse", 0.7, 1478),
+        ("ur5-dense", 1.4, 2957),
+        ("ur5-shapes", 1.0, None),
+        ("ur5-missing", 1.0, 2112 - 468),
+        ("ur10", 1.0, None),
+        ("base", 1.0, None),
+        ("post", 1.0, None),
     ],
 )
 def test_preset_has_its_density(name, factor, count):

@@ -140,7 +140,8 @@ def test_scans_are_synced_every_half_second(path, monkeypatch):
 
 
 def test_slow_disk_is_synced_less_often_and_nothing_is_lost(path, monkeypatch):
-    synced, clock = [], count(0, 0.8).__next__  # [s]
+    synced = []
+    clock = count(0, 0.8).__next__  # [s]
     monkeypatch.setattr(os, "fsync", lambda number: synced.append(number))
     monkeypatch.setattr("eskin.stream.recorder.perf_counter", clock)
     play(SCANS, recorder := make_recorder(path))

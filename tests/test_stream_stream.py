@@ -48,7 +48,8 @@ class WatchedSource(Source):
         self.inner = played(scans)
         self.info = self.inner.info
         self.clock = self.inner.clock
-        self.before_read, self.events = before_read, list(events)
+        self.before_read = before_read
+        self.events = list(events)
         self.closed = 0
 
     def read(self, timeout=None):

@@ -92,7 +92,10 @@ def test_touch_is_measured_above_rest(calibration, counts, kpa, rate):
         (touch(3.0, 30.0, 40, trembling=8), 30.0, 50, 4.0, 1.0),
         (
             lambda t: touch(3.0, 29.0, 40)(t) + MIDDLE * touch(3, 29, 100, 0, 40)(t),
-            *(29.0, 50, 4.0, 0.3),
+            29.0,
+            50,
+            4.0,
+            0.3,
         ),
     ],
     ids=["minute", "minute", "during the tare", "light trembling", "steady rim"],

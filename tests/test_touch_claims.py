@@ -30,8 +30,12 @@ DIVIDER = Calibration(
 )
 LINEAR = Calibration(SCATTER * 120.0 / 255, 255)
 LOGARITHMIC = Calibration(
-    *(SCATTER * 200.0 / 1023, 1023),
-    **{"curve": "logarithmic", "exponent": 0.8, "unfelt": 3.0, "span": 300.0},
+    SCATTER * 200.0 / 1023,
+    1023,
+    curve="logarithmic",
+    exponent=0.8,
+    unfelt=3.0,
+    span=300.0,
 )
 TRUE = [
     replace(one, noise=np.full(SKIN.count, 0.5), rest=np.full(SKIN.count, 20.0))

@@ -58,9 +58,13 @@ def press_square(row, column, kpa=60.0):
 
 
 PRESSES = [
-    *(press_square(3, 4), press_square(8, 9), press_square(3, 10)),
-    *(press_square(6, 6, 90.0), press_square(2, 3) + press_square(9, 10)),
-    *(press_square(3, 11) + press_square(8, 2), press_square(2, 2)),
+    press_square(3, 4),
+    press_square(8, 9),
+    press_square(3, 10),
+    press_square(6, 6, 90.0),
+    press_square(2, 3) + press_square(9, 10),
+    press_square(3, 11) + press_square(8, 2),
+    press_square(2, 2),
     press_square(2, 2) + press_square(8, 8),
 ]
 

@@ -56,8 +56,22 @@ KINDS: tuple[BuildKind, ...] = tuple(get_args(BuildKind))
 FULL_SCALES = (255, 1023, 4095, 16383, 65535)
 FACTORS = (1e-300, 1e-30, 1e-9, 1e-6, 1e-3, 1e-2, 1e2, 1e3, 1e6, 1e9, 1e30, 1e300)
 OTHERS = (
-    *(0, -1, -1e300, float("nan"), float("inf"), 2**63, 10**300),
-    *("x", "nan", None, [], {}, True, [None], ["x"], [[1.0]]),
+    0,
+    -1,
+    -1e300,
+    float("nan"),
+    float("inf"),
+    2**63,
+    10**300,
+    "x",
+    "nan",
+    None,
+    [],
+    {},
+    True,
+    [None],
+    ["x"],
+    [[1.0]],
 )
 """Values of other types, or that are no sensible number."""
 

@@ -64,9 +64,16 @@ TARE = 3.0
 IN_TIME = 0.25
 """Longest time from a limit to the stop [s]."""
 HEAD = (
-    *("build", "touch", "events", "recognised", "limit passed", "in time", "stopped"),
+    "build",
+    "touch",
+    "events",
+    "recognised",
+    "limit passed",
+    "in time",
+    "stopped",
     "stays stopped",
-    *("stop after the begin p50 / p95 [s]", "never, measured [N]"),
+    "stop after the begin p50 / p95 [s]",
+    "never, measured [N]",
 )
 
 
@@ -203,7 +210,8 @@ class CrushedArm:
         Raises:
             ArmError: the skin is too slow to command it.
         """
-        self.plan, self.clock = plan, ManualClock(NS_PER_S)
+        self.plan = plan
+        self.clock = ManualClock(NS_PER_S)
         self.rng = np.random.default_rng([plan.seed, 58])
         self.arm = SimulatedArm(clock=self.clock)
         self.skin = InteractiveSkin("ur5", plan.seed, plan.build)

@@ -151,10 +151,13 @@ class Refusal:
         """Return a row of the table."""
         words = self.command.split()
         cells = (
-            *(self.kind, self.name),
+            self.kind,
+            self.name,
             " ".join(words[: 2 if words[0] == "skin" else 1]),
-            *(str(self.code), str(len(self.lines))),
-            *(f"{self.seconds:.1f}", f"{self.megabytes:.0f}"),
+            str(self.code),
+            str(len(self.lines)),
+            f"{self.seconds:.1f}",
+            f"{self.megabytes:.0f}",
         )
         return format_row(cells) + ("" if self.is_good else " !")
 

@@ -102,7 +102,8 @@ def table(command: Command, form: Form) -> None:
     """
     draws = [
         made_set(
-            *(command.sets, "paper"),
+            command.sets,
+            "paper",
             clips=form.clips,
             people=None if form.clips is None else 6,
             seed=seed,

@@ -120,7 +120,10 @@ class PressedSensor:
             seed: seed of the sensor's noise and of the sway.
             before: time before the first scan, for which hands are pressed already [s].
         """
-        self.build, self.skin, self.hands, self.sway = build, skin, tuple(hands), sway
+        self.build = build
+        self.skin = skin
+        self.hands = tuple(hands)
+        self.sway = sway
         self.sensor = Sensor(build, skin, np.random.default_rng((seed, 27)))
         self.rng = np.random.default_rng((seed, 28))
         self.taxels = np.unique(np.concatenate([hand.taxels for hand in hands]))

@@ -28,8 +28,30 @@ from lab.fuzz.skin_files import small_skin
 LENGTH = struct.Struct("<Q")
 """Length of the header, at the start of a file."""
 NUMBERS = (
-    *(0, 1, -1, 2, 0.5, 1e-300, 1e3, 1e6, 1e12, 1e300, -1e300, 2**31, 2**63, 2**80),
-    *("NaN", "Infinity", "-Infinity", None, "", [], {}, True, "a\nb", "9" * 400),
+    0,
+    1,
+    -1,
+    2,
+    0.5,
+    1e-300,
+    1e3,
+    1e6,
+    1e12,
+    1e300,
+    -1e300,
+    2**31,
+    2**63,
+    2**80,
+    "NaN",
+    "Infinity",
+    "-Infinity",
+    None,
+    "",
+    [],
+    {},
+    True,
+    "a\nb",
+    "9" * 400,
 )
 """Values that take the place of others in a card."""
 WORDS = (b"[", b"{}", b"null", b"NaN", b"1e999", b'"', b"[" * 2000, b"F64", b"I8")

@@ -32,8 +32,24 @@ from lab.fuzz.skin_files import TABLE_WORDS, YAML_WORDS, small_skin
 START = 1_700_000_000_000_000_000
 PERIOD = 50_000_000
 WORDS = (
-    *(b"[", b"{}", b"null", b"NaN", b"1e999", b"Infinity", b"true", b'"', b"9" * 5000),
-    *(b"joints", b"robot", b"format", b"cdr", b"zstd", b"lz4", b"skin", b"\0", b"\xff"),
+    b"[",
+    b"{}",
+    b"null",
+    b"NaN",
+    b"1e999",
+    b"Infinity",
+    b"true",
+    b'"',
+    b"9" * 5000,
+    b"joints",
+    b"robot",
+    b"format",
+    b"cdr",
+    b"zstd",
+    b"lz4",
+    b"skin",
+    b"\0",
+    b"\xff",
     b"[" * 2000,
 )
 Record = tuple[int, bytes]
@@ -100,7 +116,16 @@ def write(path: Path) -> None:
         writer.write_label(Label(START, START + 9 * PERIOD, "poke"))
         writer.write_detection(
             DetectionRecord(
-                *(START, "poke", 0.9, START, START, "t", "grid", point, point, point),
+                stamp=START,
+                gesture="poke",
+                confidence=0.9,
+                onset=START,
+                end=START,
+                link="t",
+                patch="grid",
+                p_world=point,
+                n_world=point,
+                direction_world=point,
                 peak_force=1.0,
             )
         )

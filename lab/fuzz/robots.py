@@ -19,9 +19,26 @@ from lab.fuzz.skin_files import YAML_WORDS
 VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 MAP_WORDS = (
     *YAML_WORDS,
-    *(b"gesture: ", b"action: ", b"function: ", b"link: ", b"patch: ", b"poke"),
-    *(b"confidence: ", b"cool_down: ", b"none", b"resume", b"hold", b"commands:\n"),
-    *(b"os.system", b"__import__", b"eval", b"0.5", b"-1", b"{}", b"[]", b"null"),
+    b"gesture: ",
+    b"action: ",
+    b"function: ",
+    b"link: ",
+    b"patch: ",
+    b"poke",
+    b"confidence: ",
+    b"cool_down: ",
+    b"none",
+    b"resume",
+    b"hold",
+    b"commands:\n",
+    b"os.system",
+    b"__import__",
+    b"eval",
+    b"0.5",
+    b"-1",
+    b"{}",
+    b"[]",
+    b"null",
 )
 
 
@@ -74,10 +91,30 @@ def load_robot_whole(path: Path) -> Robot:
 
 
 URDF_WORDS = (
-    *(b"<link name='a'/>", b"<a>", b"<!DOCTYPE a>", b"&amp;", b"&#0;", b"<!--"),
-    *(b"nan", b"inf", b"1e999", b"-0", b"9" * 5000, b"<mesh filename='../a.stl'/>"),
-    *(b"continuous", b"fixed", b"floating", b"<mimic joint='a'/>", b"\0", b"\xff"),
-    *(b"<a>" * 2000, b"encoding='utf-7'", b"xmlns='a'", b"\n", b'"', b"<limit/>"),
+    b"<link name='a'/>",
+    b"<a>",
+    b"<!DOCTYPE a>",
+    b"&amp;",
+    b"&#0;",
+    b"<!--",
+    b"nan",
+    b"inf",
+    b"1e999",
+    b"-0",
+    b"9" * 5000,
+    b"<mesh filename='../a.stl'/>",
+    b"continuous",
+    b"fixed",
+    b"floating",
+    b"<mimic joint='a'/>",
+    b"\0",
+    b"\xff",
+    b"<a>" * 2000,
+    b"encoding='utf-7'",
+    b"xmlns='a'",
+    b"\n",
+    b'"',
+    b"<limit/>",
 )
 
 

@@ -66,8 +66,13 @@ def conductance(
 ) -> Float[np.ndarray, "reading"]:
     """Return the conductance of one taxel by its counts; 1 is half scale."""
     counts, _ = sense(
-        *(series[:, None], np.array([TAXEL]), build, skin, np.random.default_rng(1)),
-        *(ELEMENT, SensorSession(np.ones(skin.count), 0.0)),
+        series[:, None],
+        np.array([TAXEL]),
+        build,
+        skin,
+        np.random.default_rng(1),
+        ELEMENT,
+        SensorSession(np.ones(skin.count), 0.0),
     )
     share = counts[:, TAXEL] / build.electronics.full_scale
     return share / (1.0 - share)
@@ -227,8 +232,12 @@ def largest_ghost(
     )
     counts, _ = sense(
         stepped(1.0, constants.value("time.step"))[:, None],
-        *(np.array([TAXEL]), replace(plain, electronics=crossed), skin, rng),
-        *(CROSSED, SensorSession(np.ones(skin.count), 0.0)),
+        np.array([TAXEL]),
+        replace(plain, electronics=crossed),
+        skin,
+        rng,
+        CROSSED,
+        SensorSession(np.ones(skin.count), 0.0),
     )
     last = counts[-1].astype(np.float64)
     return float(np.delete(last, TAXEL).max() / last[TAXEL])

@@ -13,11 +13,14 @@ from helpers.graphs import book
 
 pytestmark = pytest.mark.slow
 
-KPA, LEAST = 10.0, 0.5  # unit of pressure, and what is read as zero [kPa]
+KPA = 10.0  # unit of pressure [kPa]
+LEAST = 0.5  # pressure that is read as zero [kPa]
 LENGTH = 0.03  # unit of length [m]
 K_LIVE = 4
 REACH = 0.03
-OPEN, CLOSED, NEARLY = 0.4, 3.1, 2.7  # [rad]
+OPEN = 0.4  # [rad]
+NEARLY = 2.7  # [rad]
+CLOSED = 3.1  # [rad]
 
 
 @cache

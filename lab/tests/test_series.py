@@ -27,7 +27,8 @@ def make_touches(gesture, count=12):
             on[-30 - 2 * steps - 6 : -36 - steps] = True
         if gesture in ("stroke", "grab"):
             on[-80:-30] = True
-        row[force], row[area] = 3.0 * on, np.log1p(2.0) * on
+        row[force] = 3.0 * on
+        row[area] = np.log1p(2.0) * on
         row[area] *= 3.0 if gesture == "grab" else 1.0
         row[travel] = np.linspace(0, 2.2, READINGS) * (gesture == "stroke")
     return X + RNG.normal(0, 0.01, X.shape)

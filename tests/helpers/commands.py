@@ -290,7 +290,7 @@ class Scene:
         reading = Reading(now, pressure, valid, Q)
         tracking = NO_TOUCHES._replace(open=going, closed=closed, held=self.held)
         state = TouchState(
-            *(reading, faults, self.doubtful, tracking, MOUNTED), contact=self.contact
+            reading, faults, self.doubtful, tracking, MOUNTED, contact=self.contact
         )
         probabilities = {n: touch.probabilities() for n, touch in self.touches.items()}
         self.policy.on_message(RecognitionState(state, probabilities, ()))
@@ -299,7 +299,11 @@ class Scene:
         """Return the record of a touch; `heir` is the touch that it merged into."""
         touch = self.touches[number]
         return TouchRecord(
-            *(number, touch.onset, touch.last, heir, closed),
+            number,
+            touch.onset,
+            touch.last,
+            heir,
+            closed,
             contact=NO_CONTACT._replace(patch=SKIN.patch_index[touch.taxels[0]]),
             force=touch.force,
             taxels=np.array(touch.taxels),

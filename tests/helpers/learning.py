@@ -15,7 +15,9 @@ from eskin.touch import Calibration, Scan
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 RATE = 20
-FIRST, LASTS, EVERY = 2.4, 1.2, 2.0  # [s] onset of the first, length, onset to onset
+FIRST = 2.4  # onset of the first touch [s]
+LASTS = 1.2  # length of a touch [s]
+EVERY = 2.0  # from an onset to the next [s]
 
 NETWORK = NetworkConfig(width=4, layers=1, channels=8, dropout=0.0)
 AS_RECORDED = replace(NO_AUGMENTATION, crop=1.0)

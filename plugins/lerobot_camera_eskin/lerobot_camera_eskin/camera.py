@@ -81,7 +81,8 @@ class EskinCamera(Camera):
                 image = np.zeros((height, width, 3), np.uint8)
                 image[rows, columns] = np.where(reading.valid, shade, 0)[:, None]
                 with self.arrived:
-                    self.image, self.stamp = image, time.monotonic()
+                    self.image = image
+                    self.stamp = time.monotonic()
                     self.arrived.notify_all()
         except Exception as error:  # noqa: BLE001  It is raised where it is read.
             self.error = error

@@ -131,7 +131,8 @@ class DynamicPlant(Plant):
         if self.stopped:
             trajectory.restart_from(self.q)
         dynamics.step(trajectory.q, trajectory.velocity)
-        self.q, speed = dynamics.q, np.abs(dynamics.velocity).max()
+        self.q = dynamics.q
+        speed = np.abs(dynamics.velocity).max()
         self.moving = bool(speed > self.protective.moving)
         if not self.stopped and self.is_overloaded(executor, seconds):
             self.stop(executor)

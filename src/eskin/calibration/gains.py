@@ -170,7 +170,8 @@ class PressProblem:
         """Measure the presses with the assumed calibration."""
         self.skin = skin
         self.calibration = calibration
-        self.presses, self.prior = presses, GainPrior()
+        self.presses = presses
+        self.prior = GainPrior()
         self.size = SHARED + len(skin.patches)
         self.shown = np.array([self.measure(press) for press in presses])
         self.deviation = np.ones(len(presses))

@@ -185,7 +185,8 @@ class PressGuide(ABC, Generic[Press]):
         self.presses: list[Press] = []
         self.assumed = calibration
         self.pipeline = TouchPipeline(mounted, calibration)
-        self.detector, self.pressing = PressDetector(), PressSummary()
+        self.detector = PressDetector()
+        self.pressing = PressSummary()
         self.state: TouchState | None = None
         self.began: int | None = None
         self.samples = np.zeros(mounted.skin.count, np.int64)
@@ -262,7 +263,8 @@ class PressGuide(ABC, Generic[Press]):
         self.is_turned = True
         self.assumed = replace(self.assumed, falling=not self.assumed.falling)
         self.pipeline = TouchPipeline(self.mounted, self.assumed)
-        self.detector, self.pressing = PressDetector(), PressSummary()
+        self.detector = PressDetector()
+        self.pressing = PressSummary()
         self.presses.clear()
         self.phase = self.phase if self.phase == "rest" else "press"
 
@@ -464,7 +466,8 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             rise = np.where(scan.received, above, 0.0)
             forces = [contact.force for contact in self.state.contacts]
             if rise.max() > self.largest:
-                self.largest, self.strongest = float(rise.max()), int(rise.argmax())
+                self.largest = float(rise.max())
+                self.strongest = int(rise.argmax())
             self.firmest = max([self.firmest, *forces])
         return event
 

@@ -354,7 +354,8 @@ class PoseGuide(PressGuide[PosePress]):
     ) -> None:
         """Start with some seconds without touch."""
         super().__init__(mounted, calibration, TARE_SECONDS)
-        self.points, self.waiting = tuple(points), list(range(len(points)))
+        self.points = tuple(points)
+        self.waiting = list(range(len(points)))
 
     def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
         """Wait until the time at rest has passed, and enough scans have come."""

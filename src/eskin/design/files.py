@@ -26,8 +26,18 @@ from eskin.robot import Robot
 from eskin.skin import save_skin
 
 COLUMNS = (
-    *("taxel", "row", "column", "s_mm", "t_mm"),
-    *("x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "area_mm2"),
+    "taxel",
+    "row",
+    "column",
+    "s_mm",
+    "t_mm",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "nx",
+    "ny",
+    "nz",
+    "area_mm2",
 )
 """Columns of the table of a patch: place in the drawing, then on the link."""
 
@@ -83,7 +93,9 @@ def format_table(design: SkinDesign, number: int) -> str:
         place = [*(1e3 * skin.positions[taxel]), *skin.normals[taxel]]
         write(
             [
-                *(taxel, skin.rows[taxel], skin.columns[taxel]),
+                taxel,
+                skin.rows[taxel],
+                skin.columns[taxel],
                 *(f"{value:.6f}" for value in (s, t, *place)),
                 f"{1e6 * skin.areas[taxel]:.4f}",
             ]

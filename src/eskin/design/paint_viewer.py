@@ -67,7 +67,8 @@ class PaintViewer:
         self.on_place = on_place
         self.note = ""
         self.balls: list[PaintOrder] = []
-        self.closed, self.lock = Flag(), RLock()
+        self.closed = Flag()
+        self.lock = RLock()
         title = f"{mounted.robot.name}: paint the skin"
         self.q = np.zeros(len(mounted.robot.joint_names))
         scene = describe_scene(mounted, (), self.q)

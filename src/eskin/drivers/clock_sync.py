@@ -206,7 +206,8 @@ class PacketMemory:
             self.recent[place] |= bit
             self.count += 1
         if self.count >= MAX_DIGESTS:
-            self.former, self.recent = self.recent, bytearray(DIGEST_BITS // 8)
+            self.former = self.recent
+            self.recent = bytearray(DIGEST_BITS // 8)
             self.count = 0
         return bool(known)
 

@@ -243,7 +243,8 @@ class UdpJoints(JointSource, Closing):
         self.uri = f"udp://{host}:{self.socket.getsockname()[1]}"
         self.received = ReceivedJoints(robot)
         self.sender: tuple[str, int] | None = None
-        self.lock, self.arrived = threading.Lock(), threading.Event()
+        self.lock = threading.Lock()
+        self.arrived = threading.Event()
         self.closed = False
         self.socket.settimeout(POLL)
         self.thread = threading.Thread(target=self.receive, daemon=True)

@@ -40,7 +40,8 @@ class PlayedClock(Clock):
         if self.start is None:
             self.start = self.host.now()
         if self.began is None:
-            self.reached, self.began = self.start, self.host.now()
+            self.reached = self.start
+            self.began = self.host.now()
         return self.start
 
     def now(self) -> int:

@@ -141,7 +141,9 @@ def build_reading_schema(arrow: Any) -> Any:  # noqa: ANN401
     return build_schema(
         arrow,
         [
-            *(("recording", name), ("person", name), ("session", name)),
+            ("recording", name),
+            ("person", name),
+            ("session", name),
             ("stamp", arrow.timestamp("ns", "UTC")),
             ("counts", arrow.list_(arrow.int32())),
             ("received", arrow.list_(arrow.bool_())),
@@ -163,7 +165,9 @@ def build_touch_schema(arrow: Any) -> Any:  # noqa: ANN401
     return build_schema(
         arrow,
         [
-            *(("recording", text), ("person", text), ("session", text)),
+            ("recording", text),
+            ("person", text),
+            ("session", text),
             ("touch", arrow.int64()),
             ("onset", stamp),
             ("end", stamp),

@@ -82,7 +82,9 @@ PURPOSE = (
 """What the page says of itself, and of what to do first."""
 BINS = 500
 """Greatest number of points of the plot."""
-PEAK_COLOUR, RANGE_COLOUR, HERE_COLOUR = "#3b4f7a", "rgba(31,39,51,0.14)", "#1f2733"
+PEAK_COLOUR = "#3b4f7a"
+RANGE_COLOUR = "rgba(31,39,51,0.14)"
+HERE_COLOUR = "#1f2733"
 
 
 @final

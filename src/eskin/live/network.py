@@ -269,7 +269,8 @@ class LogitStream:
         """Allocate more memory where a graph of so many active taxels needs it."""
         workspace = self.builder.reserve(active)
         if workspace is not self.workspace:
-            self.workspace, self.parts = workspace, self.pack_parts()
+            self.workspace = workspace
+            self.parts = self.pack_parts()
 
     def pack_parts(self) -> Packed:
         """Pack everything that a step needs, again whenever memory has grown."""

@@ -22,10 +22,13 @@ from eskin.page.messages import (
 from eskin.skin.colours import INVALID_COLOUR, REST_COLOUR, ColourScale
 from eskin.units import format_index
 
-INK, PALE = "light-dark(#1f2733,#e3e8ee)", "light-dark(#596372,#b0b9c4)"
+INK = "light-dark(#1f2733,#e3e8ee)"
+PALE = "light-dark(#596372,#b0b9c4)"
 LINE = "light-dark(#e6e9ee,#3a424d)"
-TEAL, AMBER = "light-dark(#0c6b60,#5ecbb8)", "light-dark(#8a5000,#f0b255)"
-RED, BLUE = "light-dark(#b3261e,#ff9d94)", "light-dark(#2b5c9e,#93bdf5)"
+TEAL = "light-dark(#0c6b60,#5ecbb8)"
+AMBER = "light-dark(#8a5000,#f0b255)"
+RED = "light-dark(#b3261e,#ff9d94)"
+BLUE = "light-dark(#2b5c9e,#93bdf5)"
 """Colours of the panel on white and on black, each with a contrast of 4.5 or more to
 both of its backgrounds."""
 AT_WORK: tuple[ArmCondition, ...] = ("running", "stopping", "standing")

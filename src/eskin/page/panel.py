@@ -140,7 +140,8 @@ SECONDS = 10.0
 PERIOD = 0.1
 """Interval between two points [s]."""
 COUNT = round(SECONDS / PERIOD)
-FORCE_COLOUR, PEAK_COLOUR = "#1f2733", "#7b8fb8"
+FORCE_COLOUR = "#1f2733"
+PEAK_COLOUR = "#7b8fb8"
 HIGH = 0.93
 OUTSIDE = -9.0
 """Heights of visible and hidden marks as shares of the height of the plot.
@@ -201,7 +202,9 @@ class HistoryPlot:
         """Advance the plot by one point."""
         marks = (HIGH if name in self.detected else OUTSIDE for name in self.names)
         self.points.append((self.force, self.peak, *marks))
-        self.force, self.peak, self.detected = 0.0, 0.0, set()
+        self.force = 0.0
+        self.peak = 0.0
+        self.detected = set()
         self.plot.data = self.data()
 
     def data(self) -> tuple[Float[np.ndarray, "time"], ...]:

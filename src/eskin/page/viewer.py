@@ -474,7 +474,8 @@ class Viewer(Listener):
             question: function that describes what the arm asks at a time [ns since the
                 epoch]; None for an arm that never asks.
         """
-        self.recognition, self.config = recognition, config or ViewerConfig()
+        self.recognition = recognition
+        self.config = config or ViewerConfig()
         self.on_order = on_order
         self.arm = arm
         self.recording = recording
@@ -657,7 +658,8 @@ class CalibrationViewer:
         """
         config = config or ViewerConfig()
         self.rate = rate
-        self.opened, self.closed = Flag(), Flag()
+        self.opened = Flag()
+        self.closed = Flag()
         self.skipped: str | None = None
         self.repeated: int | None = None
         self.encoder: FrameEncoder | None = None

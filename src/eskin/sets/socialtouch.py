@@ -100,7 +100,9 @@ def convert_socialtouch(
         ImportSourceError: a file cannot be converted.
     """
     skin = build_grid_skin(
-        *(ROWS, COLUMNS, PITCH if pitch is None else pitch),
+        ROWS,
+        COLUMNS,
+        PITCH if pitch is None else pitch,
         name="socialtouch",
         calibrated=pitch is not None,
     )

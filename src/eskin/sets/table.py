@@ -90,15 +90,32 @@ COST_GESTURES = tuple(
 )
 LAYOUTS = {
     "cost": TableLayout(
-        *(8, 8, 135.0, "gesture", "subject", ("variant",), "frame", 1023.0),
-        COST_GESTURES,
+        rows=8,
+        columns=8,
+        rate=135.0,
+        label="gesture",
+        person="subject",
+        trial=("variant",),
+        frame="frame",
+        full_scale=1023.0,
+        names=COST_GESTURES,
     ),
     "haart": TableLayout(
-        *(8, 8, 54.0, "gesture", "participant", ("substrate", "cover")),
+        rows=8,
+        columns=8,
+        rate=54.0,
+        label="gesture",
+        person="participant",
+        trial=("substrate", "cover"),
         full_scale=1023.0,
     ),
     "capfingerid": TableLayout(
-        *(27, 15, 14.3, "labels", None, ("trial",)), full_scale=255.0
+        rows=27,
+        columns=15,
+        rate=14.3,
+        label="labels",
+        trial=("trial",),
+        full_scale=255.0,
     ),
 }
 """Layouts of public sets: the Corpus of Social Touch, the 8 x 8 taxels that are
@@ -155,7 +172,9 @@ def convert_table(
             f"no file in {source} ends with {', '.join(SUFFIXES)}; give the set"
         )
     skin = build_grid_skin(
-        *(layout.rows, layout.columns, PITCH if pitch is None else pitch),
+        layout.rows,
+        layout.columns,
+        PITCH if pitch is None else pitch,
         name=name,
         calibrated=pitch is not None,
     )

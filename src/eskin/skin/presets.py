@@ -60,11 +60,25 @@ UR5_OUTLINES = (
     PatchOutline("elbow_cap", "elbow", DOWN, 10, 10, 0.0081, 0.0081, (3, 3, 3, 3)),
     # One narrows toward the wrist as the other widens.
     PatchOutline(
-        *("forearm_front", "forearm", X, 30, 16, 0.0077, WIDE, (0, 0, 3, 3)),
+        "forearm_front",
+        "forearm",
+        X,
+        rows=30,
+        columns=16,
+        row_pitch=0.0077,
+        column_pitch=WIDE,
+        cuts=(0, 0, 3, 3),
         taper=NARROW / WIDE,
     ),
     PatchOutline(
-        *("forearm_back", "forearm", BACK, 30, 16, 0.0077, NARROW, (3, 3, 0, 0)),
+        "forearm_back",
+        "forearm",
+        BACK,
+        rows=30,
+        columns=16,
+        row_pitch=0.0077,
+        column_pitch=NARROW,
+        cuts=(3, 3, 0, 0),
         taper=WIDE / NARROW,
     ),
     PatchOutline("wrist_1", "wrist_1", Y, 9, 12, 0.0067, 0.0067, (1, 1, 2, 2)),
@@ -98,10 +112,10 @@ UR5_SHAPES_OUTLINES = (
     PatchOutline("forearm_hexagon_front", "forearm", X, *HEXAGON),
     PatchOutline("forearm_hexagon_back", "forearm", BACK, *HEXAGON),
     PatchOutline(
-        *("forearm_triangle_1", "forearm", Y, *TRIANGLE, (0, 0, 7, 7)), offset=0.096
+        "forearm_triangle_1", "forearm", Y, *TRIANGLE, (0, 0, 7, 7), offset=0.096
     ),
     PatchOutline(
-        *("forearm_triangle_2", "forearm", RIGHT, *TRIANGLE, (7, 7, 0, 0)), offset=0.096
+        "forearm_triangle_2", "forearm", RIGHT, *TRIANGLE, (7, 7, 0, 0), offset=0.096
     ),
     PatchOutline("wrist_1_hexagon", "wrist_1", Y, 9, 12, 0.0067, 0.0067, (4, 4, 4, 4)),
     PatchOutline("wrist_1_cap", "wrist_1_end", X, 9, 7, 0.0066, 0.0066, (2, 2, 2, 2)),

@@ -138,7 +138,10 @@ def format_taxels(skin: Skin) -> str:
         area = Decimal(repr(float(skin.areas[i]))).scaleb(SQUARE_MM_EXPONENT)
         write(
             (
-                *(i, ids[skin.patch_index[i]], int(skin.rows[i]), int(skin.columns[i])),
+                i,
+                ids[skin.patch_index[i]],
+                int(skin.rows[i]),
+                int(skin.columns[i]),
                 *map(repr, skin.positions[i].tolist() + skin.normals[i].tolist()),
                 f"{area:f}",
                 *map(repr, skin.tangents[i].tolist()),

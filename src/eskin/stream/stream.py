@@ -122,8 +122,10 @@ class Stream:
         self.reader = Thread(target=self.run, name="eskin reader", daemon=True)
         self.stopping = False
         self.failure: StreamError | None = None
-        self.failing, self.closing = Lock(), Lock()
-        self.read_all, self.over = Flag(), Flag()
+        self.failing = Lock()
+        self.closing = Lock()
+        self.read_all = Flag()
+        self.over = Flag()
 
     def __enter__(self) -> "Stream":
         """Start the listeners, then read."""

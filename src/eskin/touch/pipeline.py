@@ -220,12 +220,19 @@ def build_contacts(
     """Build the contacts that `find_contacts` has found at a stamp [ns]."""
     return tuple(
         ContactRecord(
-            *(stamp, index, taxels[int(row[BEGIN]) : int(row[END])]),
-            *(int(row[LINK]), int(row[PATCH]), stamp - int(row[AGE])),
-            *(row[FORCE], row[AREA], row[PEAK], row[EVIDENCE]),
-            (row[P_WORLD], row[P_WORLD + 1], row[P_WORLD + 2]),
-            (row[N_WORLD], row[N_WORLD + 1], row[N_WORLD + 2]),
-            (row[P_LINK], row[P_LINK + 1], row[P_LINK + 2]),
+            stamp=stamp,
+            place=index,
+            taxels=taxels[int(row[BEGIN]) : int(row[END])],
+            link=int(row[LINK]),
+            patch=int(row[PATCH]),
+            onset=stamp - int(row[AGE]),
+            force=row[FORCE],
+            area=row[AREA],
+            peak=row[PEAK],
+            evidence=row[EVIDENCE],
+            p_world=(row[P_WORLD], row[P_WORLD + 1], row[P_WORLD + 2]),
+            n_world=(row[N_WORLD], row[N_WORLD + 1], row[N_WORLD + 2]),
+            p_link=(row[P_LINK], row[P_LINK + 1], row[P_LINK + 2]),
         )
         for index, row in enumerate(rows.tolist())
     )

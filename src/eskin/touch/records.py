@@ -66,7 +66,19 @@ class ContactRecord(NamedTuple):
 NO_TAXELS = np.empty(0, np.int64)
 ZERO = (0.0, 0.0, 0.0)
 NO_CONTACT = ContactRecord(
-    *(0, 0, NO_TAXELS, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, ZERO, ZERO, ZERO)
+    stamp=0,
+    place=0,
+    taxels=NO_TAXELS,
+    link=0,
+    patch=0,
+    onset=0,
+    force=0.0,
+    area=0.0,
+    peak=0.0,
+    evidence=0.0,
+    p_world=ZERO,
+    n_world=ZERO,
+    p_link=ZERO,
 )
 """A contact without taxels."""
 

@@ -16,7 +16,15 @@ class TuningConfig:
     """These settings hold the values that are tried, and the costs by which to rate."""
 
     thresholds: tuple[float, ...] = (
-        *(0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98),
+        0.4,
+        0.5,
+        0.6,
+        0.7,
+        0.8,
+        0.85,
+        0.9,
+        0.95,
+        0.98,
         1.1,
     )
     """Thresholds of all gestures, then of each alone; the last one waits for contact to
@@ -27,8 +35,19 @@ class TuningConfig:
     lifts: tuple[float, ...] = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
     """Times without contact [s]."""
     leasts: tuple[float, ...] = (
-        *(0.0, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75),
-        *(0.8, 0.9, 0.95),
+        0.0,
+        0.3,
+        0.4,
+        0.45,
+        0.5,
+        0.55,
+        0.6,
+        0.65,
+        0.7,
+        0.75,
+        0.8,
+        0.9,
+        0.95,
     )
     """Probabilities below which a touch that closes is unknown."""
     deliberates: tuple[float, ...] = (0.0, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9)

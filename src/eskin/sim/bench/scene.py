@@ -127,7 +127,8 @@ class BenchScene:
         rng = np.random.default_rng(seed)
         self.active = active
         self.rate = rate
-        self.touched, self.lifted = round(TOUCHED_S * rate), round(LIFTED_S * rate)
+        self.touched = round(TOUCHED_S * rate)
+        self.lifted = round(LIFTED_S * rate)
         self.joints = len(mounted.robot.joint_names)
         self.valid = np.ones(mounted.skin.count, dtype=bool)
         noise = rng.normal(0.0, NOISE_KPA, (PATTERN_COUNT, mounted.skin.count))

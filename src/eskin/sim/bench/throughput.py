@@ -138,7 +138,8 @@ def measure_throughput(
         gc.freeze()
         with short_switch_interval(), Stream(source, [recognition]) as stream:
             stream.wait(SETTLE_S)
-            recognition.age, recognition.step = DurationHistogram(), DurationHistogram()
+            recognition.age = DurationHistogram()
+            recognition.step = DurationHistogram()
             first_detections = recognition.detections
             first_counts = count_losses(source, stream)
             busy = time.process_time()

@@ -96,8 +96,13 @@ def simulate_clip(
     ratio = build.electronics.period / build.electronics.step
     edges = find_reading_edges(lead, len(counts), ratio)
     truths = compute_true_series(
-        *(scene, touch_presses, env.charts, env.mounted),
-        *(lead, edges, build.electronics.step),
+        scene,
+        touch_presses,
+        env.charts,
+        env.mounted,
+        lead,
+        edges,
+        build.electronics.step,
     )
     q = scene.q[edges[:-1]]
     times = draw_reading_times(build, len(counts), rng) if build.flaws else None

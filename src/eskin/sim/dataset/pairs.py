@@ -400,8 +400,13 @@ def build_second_clip(
     readings = len(first.counts)
     edges = find_reading_edges(lead, readings, (scene.steps - lead) / readings)
     truths = compute_true_series(
-        *(scene, compute_touch_presses(scene, env), scenes.charts, scenes.mounted),
-        *(lead, edges, env.constants.value("time.step")),
+        scene,
+        compute_touch_presses(scene, env),
+        scenes.charts,
+        scenes.mounted,
+        lead,
+        edges,
+        env.constants.value("time.step"),
     )
     return replace(first, q=scene.q[edges[:-1]], truths=truths)
 

@@ -107,7 +107,8 @@ class InteractiveHand:
         self.difficulty = env.constants.value("sets.difficulty")
         self.q = np.zeros(len(env.mounted.robot.joint_names))
         # Two locks, so that scans never wait while a touch is planned.
-        self.planning, self.lock = RLock(), RLock()
+        self.planning = RLock()
+        self.lock = RLock()
         self.active: dict[int, InteractiveTouch] = {}
         self.latest_truths: tuple[TruthRecord, ...] = ()
         self.count = 0

@@ -177,8 +177,13 @@ class InteractiveSkin:
         truths: tuple[TrueTouchSeries, ...] = ()
         if numbers:
             truths = compute_true_series(
-                *(scene, touch_presses, self.env.charts, self.mounted),
-                *(0, np.array([0, self.steps]), self.build.electronics.step),
+                scene,
+                touch_presses,
+                self.env.charts,
+                self.mounted,
+                0,
+                np.array([0, self.steps]),
+                self.build.electronics.step,
             )
         self.hand.set_truths(
             tuple(

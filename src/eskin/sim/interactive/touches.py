@@ -176,12 +176,14 @@ class DraggedTouch(InteractiveTouch):
         self.max_speed = value("live.speed")
         self.env = env
         self.force = force
-        self.pads, self.tissue = sample.draw_pads(sample.kind), sample.draw_tissue()
+        self.pads = sample.draw_pads(sample.kind)
+        self.tissue = sample.draw_tissue()
         self.turn = sample.draw("hand.turn")
         self.chart = sample.site.chart
         self.angle = sample.site.angle + self.turn
         self.centre = np.array(sample.site.centre)
-        self.target, self.speed = self.centre, np.zeros(2)
+        self.target = self.centre
+        self.speed = np.zeros(2)
         steps = sample.count_steps(NOISE_SECONDS)
         self.noise = sample.draw_held_noise(steps)
         self.ripple = sample.draw_ripple(steps)
@@ -203,7 +205,8 @@ class DraggedTouch(InteractiveTouch):
         if site.chart != self.chart:
             self.chart = site.chart
             self.angle = site.angle + self.turn
-            self.centre, self.speed = target, np.zeros(2)
+            self.centre = target
+            self.speed = np.zeros(2)
         away = target - self.centre
         away[:1] = self.env.charts[site.chart].wrap_s(away[:1])
         self.target = self.centre + away

@@ -174,8 +174,14 @@ def draw_style(
 FINGERS = ("index", "middle", "ring", "little")
 HAND_PADS = (
     *(f"{finger}_{part}" for part in ("tip", "mid", "base") for finger in FINGERS),
-    *("thumb_tip", "thumb_base"),
-    *("index_head", "middle_head", "little_head", "thenar", "hypothenar", "palm"),
+    "thumb_tip",
+    "thumb_base",
+    "index_head",
+    "middle_head",
+    "little_head",
+    "thenar",
+    "hypothenar",
+    "palm",
 )
 """Names of the pads of a hand, in order."""
 
