@@ -3,18 +3,15 @@
 import numpy as np
 import pytest
 
-from eskin.errors import RobotError
 from eskin.robot import (
     ROBOT_PRESETS,
     Box,
-    Joint,
     Kinematics,
-    Link,
     Mimic,
-    Robot,
     load_robot,
 )
 from eskin.transforms import exp_so3, make_transform
+from helpers.robots import build_joint, build_robot
 
 X, _, Z = np.eye(3)
 UR10_DH = [
@@ -26,16 +23,6 @@ UR10_DH = [
     (0.0922, 0.0, 0.0),
 ]
 """d [m], a [m] and alpha [rad] of each joint, as published by the maker."""
-
-
-def build_robot(links, *joints):
-    """Build a robot of links with names of one letter."""
-    return Robot("toy", tuple(map(Link, links)), joints)
-
-
-def build_joint(name, parent, child, kind="revolute", **more):
-    """Build a joint about x."""
-    return Joint(name, kind, parent, child, np.eye(4), X, **more)
 
 
 @pytest.mark.parametrize("name", ROBOT_PRESETS)
@@ -85,44 +72,3 @@ def test_q_consists_of_the_joints_that_move_by_themselves():
     assert robot.joint_names == ("lead",)
     assert [*robot.lower, *robot.upper, *robot.velocity] == [-1, 2, 3]
     assert [robot.link_index(name) for name in "abcd"] == [0, 1, 2, 3]
-
-
-@pytest.mark.parametrize(
-    ("links", "joints", "texts"),
-    [
-        ("", [], ["no links"]),
-        ("aa", [], ["'a' twice"]),
-        ("abc", [("j", "a", "b"), ("j", "b", "c")], ["'j' twice"]),
-        ("ab", [("j", "x", "b")], ["'j'", "parent link 'x'", "a, b"]),
-        ("ab", [("j", "a", "x")], ["'j'", "child link 'x'", "a, b"]),
-        ("abc", [("j", "a", "c"), ("k", "b", "c")], ["'c'", "(j, k)"]),
-        ("abc", [("j", "a", "c")], ["several roots (a, b)"]),
-        ("abc", [("j", "b", "c"), ("k", "c", "b")], ["links b, c", "cycle"]),
-        ("a", [("j", "a", "a")], ["links a", "cycle"]),
-    ],
-)
-def test_links_that_are_not_one_tree_are_refused(links, joints, texts):
-    with pytest.raises(RobotError) as error:
-        build_robot(links, *(build_joint(*joint) for joint in joints))
-    assert str(error.value).startswith("robot 'toy'")
-    assert all(text in str(error.value) for text in texts)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("leader", ["weld", "follow", "nobody"])
-def test_joint_follows_only_one_that_moves_by_itself(leader):
-    joints = (
-        build_joint("weld", "a", "b", "fixed"),
-        build_joint("lead", "a", "c"),
-        build_joint("follow", "a", "d", mimic=Mimic(leader)),
-    )
-    with pytest.raises(RobotError, match=f"'follow'.*'{leader}'.*lead$"):
-        build_robot("abcd", *joints)
-
-
-def test_unknown_names_are_refused_with_the_known_ones():
-    robot = build_robot("ab", build_joint("j", "a", "b"))
-    with pytest.raises(RobotError, match="'toy'.*'hand'.*a, b$"):
-        robot.link_index("hand")
-    with pytest.raises(RobotError, match=f"'ur6'.*{', '.join(ROBOT_PRESETS)}.*urdf"):
-        load_robot("ur6")

@@ -98,8 +98,3 @@ def test_poses_of_a_batch_equal_those_one_by_one(shape, robot):
     for i in np.ndindex(shape):
         one = kinematics.poses(q[i].astype(np.float64))
         np.testing.assert_array_equal(T[i], one)
-
-
-def test_q_of_another_length_is_refused():
-    with pytest.raises(ValueError, match="5 values.*'ur5'.*6"):
-        Kinematics(UR5).poses(np.zeros(5))

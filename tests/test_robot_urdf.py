@@ -8,60 +8,24 @@ import numpy as np
 import pytest
 
 from eskin.errors import RobotError
-from eskin.registry import advise_install
 from eskin.robot import (
     Box,
     Cylinder,
     Kinematics,
     Sphere,
     TriangleMesh,
-    build_shape_mesh,
     load_robot,
     load_urdf,
 )
 from eskin.robot.urdf import parse_urdf, warn_once
-
-TOY = """<?xml version="1.0"?>
-<robot name="toy">
-  <!-- a comment -->
-  <material name="blue"><color rgba="0 0 1 1"/></material>
-  <link name="base">
-    <inertial><mass value="1"/></inertial>
-    <visual><geometry><mesh filename="package://nowhere/base.dae"/></geometry></visual>
-    <collision>
-      <origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>
-      <geometry><box size="1 2 3"/></geometry>
-    </collision>
-    <collision><geometry><sphere radius="0.5"/></geometry></collision>
-  </link>
-  <link name="arm">
-    <collision><geometry><cylinder radius="0.1" length="2"/></geometry></collision>
-  </link>
-  <link name="wheel"/>
-  <link name="slider"/>
-  <link name="tip"/>
-  <joint name="lift" type="revolute">
-    <parent link="base"/><child link="arm"/><origin xyz="0 0 1"/><axis xyz="0 2 0"/>
-    <limit lower="-1" upper="2" effort="10" velocity="3"/>
-    <dynamics damping="0.1"/><safety_controller k_velocity="1"/>
-  </joint>
-  <joint name="roll" type="continuous"><parent link="arm"/><child link="wheel"/></joint>
-  <joint name="slide" type="prismatic">
-    <parent link="arm"/><child link="slider"/><axis xyz="0 0 1"/>
-    <limit upper="0.2" effort="1" velocity="0.5"/><mimic joint="roll" multiplier="2"/>
-  </joint>
-  <joint name="weld" type="fixed"><parent link="slider"/><child link="tip"/></joint>
-  <transmission name="t"><joint name="lift"/><type>x</type></transmission>
-  <gazebo reference="arm"><sensor name="s" type="contact"/></gazebo>
-  <sensor name="skin"><parent link="arm"/><tactile/></sensor>
-  <ros2_control name="c" type="system"><joint name="lift"/></ros2_control>
-</robot>
-"""
-XACRO = "http://ros.org/wiki/xacro"
-LIMIT = '<limit lower="-1" upper="2" effort="10" velocity="3"/>'
-MESH = """<robot name="toy"><link name="base">
-  <collision><geometry><mesh filename="{}" scale="{}"/></geometry></collision>
-</link></robot>"""
+from helpers.robots import (
+    MESH,
+    POINTER,
+    TOY,
+    build_chain,
+    read_shapes,
+    write_stl,
+)
 
 
 @pytest.fixture
@@ -74,11 +38,6 @@ def write(tmp_path):
         return path
 
     return write
-
-
-def read_shapes(robot):
-    """Return all shapes of a robot, which are read when they are needed."""
-    return [geom.shape for link in robot.links for geom in link.geoms]
 
 
 def check_refusal(path, *texts):
@@ -132,103 +91,6 @@ def test_robot_without_a_name_has_that_of_its_file(write):
 @pytest.mark.parametrize(
     ("old", "new", "texts"),
     [
-        ('<link name="tip"/>', "<link/>", ["<link>", "'name'"]),
-        ('<link name="tip"/>', "", ["'weld'", "child link 'tip'", "arm, base"]),
-        ('<parent link="slider"/>', '<parent link="tip"/>', ["links tip", "cycle"]),
-        ("<link name=", '<link name="stray"/><link name=', ["roots (stray, base)"]),
-        ('"revolute"', '"screw"', ["'lift'", "'screw'", "revolute, continuous"]),
-        ('"prismatic"', '"floating"', ["'slide'", "'floating'", "root", "make it"]),
-        (
-            'rpy="0 0 1.57',
-            'quat="0 0 1.57',
-            ["'base'", "<origin>", "quat", "quat_xyzw"],
-        ),
-        ('xyz="1 2 3"', 'quat_xyzw="0 0 0 1"', ["'base'", "rpy or quat_xyzw"]),
-        ('xyz="0 0 1"/><a', 'quat_xyzw="0 0 0 0"/><a', ["'lift'", "no length"]),
-        ('lower="-1"', 'lower="${-pi}"', ["'lift'", "'${-pi}'", "run xacro"]),
-        (' type="revolute"', "", ["'lift'", "'type'"]),
-        (LIMIT, "", ["'lift'", "revolute", "<limit>", "continuous"]),
-        (' velocity="3"', "", ["'lift'", "<limit>", "'velocity'"]),
-        ('lower="-1"', 'lower="3"', ["'lift'", "<limit> lower 3", "upper 2"]),
-        ('lower="-1"', 'lower="low"', ["'lift'", "<limit> lower", "'low'", "1 finite"]),
-        ('velocity="3"', 'velocity="-3"', ["'lift'", "<limit> velocity", "-3"]),
-        ('<parent link="base"/>', "", ["'lift'", "<parent>"]),
-        ('<child link="arm"/>', "<child/>", ["'lift'", "<child>", "'link'"]),
-        ('xyz="0 2 0"', 'xyz="0 0 0"', ["'lift'", "<axis> xyz", "length"]),
-        ('xyz="0 0 1"/><axis', 'xyz="0 0"/><axis', ["<origin> xyz", "'0 0'", "3 fini"]),
-        ('xyz="0 0 1"/><axis', 'rpy="0 nan 1"/><axis', ["<origin> rpy", "'0 nan 1'"]),
-        ('joint="roll" multiplier', "multiplier", ["'slide'", "<mimic>", "'joint'"]),
-        ('size="1 2 3"', 'size="1 0 3"', ["'base'", "<box> size", "'1 0 3'"]),
-        ('radius="0.5"', 'radius="-1"', ["'base'", "<sphere> radius", "-1"]),
-        ("<sphere", "<capsule", ["'base'", "capsule", "cylinder, sphere, box, mesh"]),
-        ('<sphere radius="0.5"/>', "", ["'base'", "nothing", "cylinder, sphere"]),
-        (' length="2"', "", ["'arm'", "<cylinder>", "'length'"]),
-    ],
-)
-def test_invalid_element_is_refused_with_its_place(write, old, new, texts):
-    assert old in TOY
-    check_refusal(write(TOY.replace(old, new, 1)), *texts)
-
-
-@pytest.mark.parametrize("text", ["0_1", "0x1", "inf", "nan", "1,5", "\u0661", "1e999"])
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ('xyz="0 0 1"/><axis', 'xyz="0 0 {}"/><axis'),
-        ('rpy="0 0 1.57', 'rpy="0 {} 1.57'),
-        ('lower="-1"', 'lower="{}"'),
-        ('velocity="3"', 'velocity="{}"'),
-        ('multiplier="2"', 'multiplier="{}"'),
-        ('size="1 2 3"', 'size="1 {} 3"'),
-        ('radius="0.5"', 'radius="{}"'),
-    ],
-)
-def test_text_that_is_no_decimal_number_is_refused(write, old, new, text):
-    assert old in TOY
-    check_refusal(write(TOY.replace(old, new.format(text), 1)), "finite number")
-
-
-@pytest.mark.parametrize(
-    "element",
-    [
-        '<parent link="base"/>',
-        '<child link="arm"/>',
-        '<origin xyz="0 0 1"/>',
-        '<axis xyz="0 2 0"/>',
-        '<limit lower="-1" upper="2" effort="10" velocity="3"/>',
-        '<mimic joint="roll" multiplier="2"/>',
-        '<origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>',
-        '<geometry><box size="1 2 3"/></geometry>',
-        '<box size="1 2 3"/>',
-    ],
-)
-def test_element_that_stands_twice_is_refused(write, element):
-    """Either could be meant, and other programs take the first or the last."""
-    assert element in TOY
-    twice = element + element.replace("1 2 3", "1 2 4").replace('"-1"', '"-2"')
-    check_refusal(write(TOY.replace(element, twice, 1)), "allowed: one")
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ('<link name="tip"/>', '<link name="more"><link name="tip"/></link>'),
-        ('<link name="tip"/>', '<link name="tip"><joint name="a"/></link>'),
-        ("<parent", '<link name="more"/><parent'),
-        ("<parent", '<joint name="more" type="fixed"/><parent'),
-        ("<visual>", "<visual><collision/>"),
-        ("<geometry>", "<geometry><collision/>"),
-        ("<inertial>", "<inertial><collision/>"),
-    ],
-)
-def test_element_that_would_be_lost_where_it_stands_is_refused(write, old, new):
-    assert old in TOY
-    check_refusal(write(TOY.replace(old, new, 1)), "line ", "allowed: in ", "move it")
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "texts"),
-    [
         ('rpy="0 0 1.57', 'rpy="0 0 90"  x:n="', ["'base'", "rpy is '0 0 90' rad"]),
         ('rpy="0 0 1.57', 'rpy="-180 0 0"  x:n="', ["degrees, divide by 57.29578"]),
         ('lower="-1" upper="2"', 'lower="-90" upper="90"', ["'lift'", "-90 to 90 rad"]),
@@ -247,61 +109,6 @@ def test_unit_and_place_that_are_doubted_are_told(write, caplog, old, new, texts
     [line] = caplog.messages
     for text in texts:
         assert text in line
-
-
-def nest(depth):
-    return '<robot name="r">' + "<a>" * depth + "</a>" * depth + "</robot>"
-
-
-LAUGHS = """<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>
-<robot name="r"><link name="&b;"/></robot>"""
-EXTERNAL = """<!DOCTYPE robot [<!ENTITY a SYSTEM "file:///etc/passwd">]>
-<robot name="&a;"><link name="base"/></robot>"""
-
-
-@pytest.mark.parametrize(
-    ("text", "part"),
-    [
-        ("not xml", "line 1, column 0"),
-        ("<mujoco/>", "<mujoco>"),
-        ('<?xml version="1.0" encoding="bogus"?><robot/>', "bogus"),
-        (f'<robot xmlns:xacro="{XACRO}"><xacro:macro/></robot>', "run xacro"),
-        ("<robot/>", "no links"),
-        (LAUGHS, "<!DOCTYPE>"),
-        (EXTERNAL, "<!DOCTYPE>"),
-        (nest(1000), "inside each other"),
-        ('<robot name="r">' + "<a/>" * 100_001 + "</robot>", "elements"),
-        (f'<robot name="r">{"<link/>" * 1001}</robot>', "1001 <link>"),
-        (f'<robot name="r">{"<joint/>" * 1001}</robot>', "1001 <joint>"),
-        (
-            f'<robot name="r"><link name="a">{"<collision/>" * 2001}</link></robot>',
-            "2001 <collision>",
-        ),
-        (f'<robot name="r"><link name="{"a" * 1001}"/></robot>', "1001 characters"),
-        (" " * (8 << 20) + TOY, "8,388,608"),
-        (MESH.format("package://toy/gone.stl", "1 1 1"), "package://toy/gone.stl"),
-    ],
-)
-def test_file_that_is_no_urdf_or_would_take_much_memory_is_refused(write, text, part):
-    check_refusal(write(text), part)
-
-
-def test_missing_file_and_folder_are_refused(tmp_path):
-    (tmp_path / "folder.urdf").mkdir()
-    check_refusal(tmp_path / "folder.urdf", "directory")
-    check_refusal(tmp_path / "gone.urdf", "No such file")
-
-
-def write_stl(path, size=(1.0, 2.0, 3.0)):
-    """Write a box as the text form of STL, in which triangles share no corners."""
-    mesh = build_shape_mesh(Box(size))
-    lines = ["solid thing"]
-    for triangle in mesh.vertices[mesh.faces]:
-        lines += ["facet normal 0 0 0", "outer loop"]
-        lines += [f"vertex {x} {y} {z}" for x, y, z in triangle]
-        lines += ["endloop", "endfacet"]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join([*lines, "endsolid thing", ""]))
 
 
 @pytest.mark.parametrize(
@@ -326,13 +133,6 @@ def test_mesh_is_found_scaled_and_faces_outward(tmp_path, uri, stored, scale, vo
     assert shape.vertices.shape == (8, 3)
     a, b, c = np.moveaxis(shape.vertices[shape.faces], 1, 0)
     np.testing.assert_allclose(np.sum(a * np.cross(b, c)) / 6, volume)
-
-
-def test_mesh_without_trimesh_names_the_extra(write, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "trimesh", None)
-    write_stl(tmp_path / "box.stl")
-    path = write(MESH.format("box.stl", "1 1 1"))
-    check_refusal(path, "'base'", "box.stl", advise_install("design"))
 
 
 def test_urdf_is_read_without_its_meshes(write):
@@ -369,13 +169,6 @@ def test_kinematics_need_no_shape_and_what_does_names_the_remedy(
     np.testing.assert_array_equal(Kinematics(robot).poses(np.zeros(2)), expected)
     assert robot.links[0].geoms[0].shape == Box((1.0, 2.0, 3.0))
     check_refusal(write(text), f"{path}: link 'base'", *texts)
-
-
-POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 684\n"
-
-
-def test_urdf_that_is_a_pointer_of_git_lfs_is_told(write):
-    check_refusal(write(POINTER), "Git LFS", "git lfs pull")
 
 
 @pytest.mark.parametrize(
@@ -493,34 +286,6 @@ def test_mesh_of_a_package_beside_is_read(tmp_path):
         assert read_shapes(load_urdf(path))
 
 
-PLY = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(
-    f"property float {axis}\n" for axis in "xyz"
-)
-FACES = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-CORNERS = "0 0 0\n1 0 0\n0 1 0\n"
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "part"),
-    [
-        ("a.ply", f"{PLY}{FACES}{CORNERS}3 0 1 9\n", ""),
-        ("a.ply", f"{PLY}{FACES}{CORNERS}3 0 1 -9\n", ""),
-        ("a.ply", f"{PLY}{FACES}{CORNERS.replace('1', 'nan')}3 0 1 2\n", ""),
-        ("a.ply", PLY.replace("x 3", "x 99999999999") + FACES, ""),
-        ("a.3mf", "PK\x03\x04", "convert it"),
-        ("a.glb", "glTF", "convert it"),
-        ("a.stl", "nonsense", ""),
-        ("a.dae", "<!DOCTYPE a [<!ENTITY b 'c'>]><COLLADA/>", "<!DOCTYPE>"),
-        ("a.dae", "<instance_node/>" * 40, "repeats"),
-        ("a.stl", "\0" * ((32 << 20) + 1), "33,554,432"),
-    ],
-)
-def test_hostile_mesh_is_refused(write, tmp_path, name, content, part):
-    pytest.importorskip("trimesh")
-    (tmp_path / name).write_text(content)
-    check_refusal(write(MESH.format(name, "1 1 1")), "'base'", name, part)
-
-
 def test_mesh_that_is_repeated_too_often_is_refused(write, tmp_path, monkeypatch):
     pytest.importorskip("trimesh")
     monkeypatch.setattr("eskin.robot.meshes.MAX_TRIANGLES", 100)
@@ -552,19 +317,6 @@ def test_wrong_mimic_rule_names_its_line_and_can_be_ignored(write, old, new, tex
         assert robot.joint_names == ("lift", "roll", "slide")
 
 
-def build_chain(*followed):
-    """Build a URDF of three joints in a row, each of which may follow another."""
-    rule = '<mimic joint="{}" multiplier="-2" offset="0.5"/>'
-    joints = "".join(
-        f'<joint name="j{i}" type="prismatic"><parent link="l{i}"/>'
-        f'<child link="l{i + 1}"/><limit lower="-9" upper="9" velocity="1"/>'
-        f"{other and rule.format(other)}</joint>"
-        for i, other in enumerate(followed)
-    )
-    links = "".join(f'<link name="l{i}"/>' for i in range(len(followed) + 1))
-    return f'<robot name="r">{links}{joints}</robot>'
-
-
 @pytest.mark.parametrize(
     ("followed", "values"),
     [(("", "j0", "j1"), [1, -1.5, 3.5]), (("j1", "j2", ""), [3.5, -1.5, 1])],
@@ -575,13 +327,6 @@ def test_joint_that_follows_a_follower_has_the_value_of_both_rules(
     robot = load_urdf(write(build_chain(*followed)))
     poses = Kinematics(robot).poses(np.ones(1))
     np.testing.assert_allclose(np.diff(poses[:, 0, 3]), values)
-
-
-@pytest.mark.parametrize(
-    "followed", [("j0", ""), ("j1", "j0", ""), ("j1", "j2", "j1"), ("j2", "j0", "j1")]
-)
-def test_joints_that_follow_each_other_are_refused(write, followed):
-    check_refusal(write(build_chain(*followed)), "'j", "no value of its own", "<mimic>")
 
 
 def test_collada_mesh_is_read_in_metres(write, tmp_path):

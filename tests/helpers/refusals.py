@@ -1,0 +1,24 @@
+"""These helpers check that bad input is refused, each by a row of a package's table."""
+
+import pytest
+
+REFUSALS = ("error", "call", "parts")
+"""Names of the parameters of a row."""
+
+
+def refusal(name, error, call, *parts):
+    """Return a row: its name, the error, what is called, and parts of the message.
+
+    The call has one argument, such as an empty folder.
+    """
+    return pytest.param(error, call, parts, id=name)
+
+
+def check_refusal(error, call, parts, *given):
+    """Check that a call raises the error, in one line that has all parts."""
+    with pytest.raises(error) as caught:
+        call(*given)
+    # The checks of types that run in tests alone add their own lines.
+    message = str(caught.value).partition("(TypeCheckError")[0]
+    assert all(part in message for part in parts), message
+    assert len(message.splitlines()) == 1, message
