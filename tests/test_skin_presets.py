@@ -10,13 +10,10 @@ from eskin.robot import compute_surface_distance, load_robot
 from eskin.skin import (
     SKIN_PRESETS,
     MountedSkin,
-    build_grid_skin,
     check_skin,
     load_robot_for_skin,
     load_skin,
 )
-from eskin.skin.layout import build_outline_skin
-from eskin.skin.presets import UR5_OUTLINES, UR5_PARTS
 from eskin.transforms import apply, invert
 
 ARMS = [name for name in SKIN_PRESETS if name.startswith("ur")]
@@ -145,12 +142,3 @@ def test_ur5_shapes_skin_covers_seams_of_the_ur5_skin():
         seam = np.column_stack([0 * height, 0 * height + radius, height])
         assert (KDTree(usual).query(seam)[0] > 0.004).all()
         assert (KDTree(covering).query(seam)[0] < 0.009).any()
-
-
-def test_unknown_patches_and_empty_grids_are_refused():
-    with pytest.raises(ValueError, match="0 x 4"):
-        build_grid_skin(0, 4)
-    with pytest.raises(ValueError, match="'knee'.*upper_arm_front"):
-        UR5.find_taxels("knee")
-    with pytest.raises(ValueError, match="'knee'.*upper_arm_front"):
-        build_outline_skin("ur5", UR5_OUTLINES, UR5_PARTS, ("knee",))
