@@ -2,19 +2,22 @@
 
 from dataclasses import replace
 from importlib import resources
+from itertools import islice
 
 import numpy as np
 import pytest
 
 import eskin.app
+from eskin.calibration.wiring_guide import WiringGuide
+from eskin.cli.guided import guide_person
 from eskin.cli.main import run
-from eskin.cli.terminal import SkinPrinter
-from eskin.design.commands.check import TARE_S, tare, wait_for_press
+from eskin.design.commands.check import WiringDialogue
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.robot import load_robot
 from eskin.skin import save_skin
 from eskin.skin.wiring import choose_press_targets
-from eskin.touch import Calibration, Scan, TouchPipeline
+from eskin.touch import Calibration, Scan
+from eskin.units import NS_PER_S
 from helpers.devices import PERIOD, RATE, mounted_small, small_skin
 
 pytestmark = pytest.mark.slow
@@ -58,8 +61,9 @@ def check(tmp_path, monkeypatch, capsys):
     """Run the command on a skin, and return its exit code and output."""
     save_skin(SKIN, tmp_path)
 
-    def check(respond=int, robot="table"):
-        source = play(make_scans(respond), load_robot(robot).name)
+    def check(respond=int, robot="table", length=None):
+        scans = islice(make_scans(respond), length)
+        source = play(scans, load_robot(robot).name)
         monkeypatch.setattr(eskin.app, "open_source", lambda *_, **__: source)
         arguments = ["--robot-urdf", str(robot), "--live", "--source", "udp://a:1"]
         code = run(["skin", "check", str(tmp_path), *arguments])
@@ -100,19 +104,35 @@ def test_wrong_wiring_is_named(check, answers, wrong):
 
 def test_press_that_does_not_come_is_told_after_ten_seconds(capsys):
     [rest, *_] = make_scans()
-    source = play(
-        [replace(rest, stamp=PERIOD * number) for number in range(1, round(15 * RATE))]
-    )
-    pipeline = TouchPipeline(mounted_small(), CALIBRATION)
-    assert wait_for_press(source, pipeline, 12.0, SkinPrinter(SKIN)) is None
+    scans = [
+        replace(rest, stamp=PERIOD * number) for number in range(1, round(16 * RATE))
+    ]
+    guide = WiringGuide(mounted_small(), CALIBRATION)
+    guide_person(scans, WiringDialogue(guide), 12.0)
     out = capsys.readouterr().out
     assert "nothing was felt for 10 s; " in out and "0.5 N for 0.15 s" in out
+    assert out.count("nothing felt: the press is left out") == 1
+    assert [answer.taxel for answer in guide.finish()] == [None] * 9
 
 
-def test_touch_does_not_end_taring():
-    source = play(list(make_scans())[UNTOUCHED - 60 :])
-    tare(source, TouchPipeline(mounted_small(), CALIBRATION))
-    assert source.counters()["readings"] == TARE_S * RATE + 1
+def test_touch_does_not_end_the_time_at_rest():
+    guide = WiringGuide(mounted_small(), CALIBRATION)
+    scans = list(make_scans())[UNTOUCHED - 60 :]
+    number = 0
+    while guide.phase == "rest":
+        guide.push(scans[number])
+        number += 1
+    passed = scans[number - 1].stamp - scans[0].stamp
+    assert passed == guide.rest_seconds * NS_PER_S
+
+
+def test_skin_that_sends_too_little_is_refused_in_one_line(check):
+    code, _, err = check(length=20)
+    assert code == 2
+    assert (
+        err.startswith("error: the skin was not at rest for 3 s")
+        and err.count("\n") == 1
+    )
 
 
 def test_live_check_needs_a_source(tmp_path, capsys):

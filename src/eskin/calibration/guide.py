@@ -259,18 +259,23 @@ class PressGuide(ABC, Generic[Press]):
         return GuideEvent("pressed", taxel=taxel)
 
     def turn(self) -> None:
-        """Take counts to go the other way, and forget the presses so far."""
+        """Take counts to go the other way, and ask for the presses so far again."""
         self.is_turned = True
         self.assumed = replace(self.assumed, falling=not self.assumed.falling)
         self.pipeline = TouchPipeline(self.mounted, self.assumed)
         self.detector = PressDetector()
         self.pressing = PressSummary()
-        self.presses.clear()
+        while self.presses:
+            self.ask_again(self.presses.pop())
         self.phase = self.phase if self.phase == "rest" else "press"
 
-    @abstractmethod
     def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
-        """Process a scan of the time at rest."""
+        """Process a scan of the time at rest, until it has passed with enough scans."""
+        awaited = self.count_rest(scan)
+        if self.rest_share < 1.0:
+            return awaited
+        self.phase = "press"
+        return GuideEvent("rested")
 
     def count_rest(self, scan: Scan) -> GuideEvent | None:
         """Count a scan at rest; tell once that its time is over but scans are few."""
@@ -336,7 +341,7 @@ class PressGuide(ABC, Generic[Press]):
             )
         raise ValueError(
             f"the skin was not at rest for {self.rest_seconds:g} s; allowed is that "
-            "time without touch; take all hands off and calibrate again"
+            "time without touch; take all hands off and begin again"
         )
 
     @abstractmethod

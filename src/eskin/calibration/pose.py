@@ -17,7 +17,6 @@ from jaxtyping import Float, Int
 from scipy.stats import t as t_distribution
 
 from eskin.calibration.guide import (
-    GuideEvent,
     PressGuide,
     PressRequest,
     PressSummary,
@@ -26,7 +25,7 @@ from eskin.errors import SkinError
 from eskin.files import read_file
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import fit_centre
-from eskin.touch import Calibration, Scan, TouchState
+from eskin.touch import Calibration
 from eskin.transforms import apply, exp_so3, log_so3, make_transform, rotate, skew
 
 MIN_PRESSES = 5
@@ -356,14 +355,6 @@ class PoseGuide(PressGuide[PosePress]):
         super().__init__(mounted, calibration, TARE_SECONDS)
         self.points = tuple(points)
         self.waiting = list(range(len(points)))
-
-    def push_rest(self, scan: Scan, state: TouchState) -> GuideEvent | None:
-        """Wait until the time at rest has passed, and enough scans have come."""
-        awaited = self.count_rest(scan)
-        if self.rest_share < 1.0:
-            return awaited
-        self.phase = "press"
-        return GuideEvent("rested")
 
     def describe_refusal(self, press: PressSummary, taxel: int) -> str:
         """Describe on which other patch a press was felt; empty if it can be used."""

@@ -3,16 +3,16 @@
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, final
 
 import tyro
 
-from eskin.cli.checks import NOT_NEGATIVE, check_way
+from eskin.cli.checks import NOT_NEGATIVE
 from eskin.cli.guided import (
+    Dialogue,
     SourceCommand,
-    WaitReporter,
-    describe_least_press,
     describe_taxel,
+    guide_person,
     open_guided_source,
     say,
 )
@@ -22,7 +22,6 @@ from eskin.robot import Robot
 from eskin.skin import (
     SKIN_PRESETS,
     CheckConfig,
-    MountedSkin,
     SkinProblem,
     check_skin,
     describe_problems,
@@ -30,80 +29,9 @@ from eskin.skin import (
     load_skin,
     parse_skin_folder,
 )
-from eskin.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from eskin.cli.terminal import SkinPrinter
-    from eskin.drivers import Source
-    from eskin.skin.wiring import PressResponse
-    from eskin.touch import TouchPipeline
-
-TARE_S = 3.0
-"""Time without touch at the start [s]."""
-
-
-def collect_presses(
-    source: "Source", robot: Robot, wait: float
-) -> "list[PressResponse]":
-    """Ask for a press on every target of the skin and record which taxel answers.
-
-    Args:
-        source: source of the skin's scans.
-        robot: robot that the skin is mounted on.
-        wait: longest time to wait for each press [s].
-    """
-    from eskin.cli.terminal import SkinPrinter
-    from eskin.skin.wiring import PressResponse, choose_press_targets
-    from eskin.touch import TouchPipeline
-
-    info = source.info
-    pipeline = TouchPipeline(MountedSkin(info.skin, robot), info.calibration)
-    printer = SkinPrinter(info.skin)
-    say(f"hands off for {TARE_S:g} s")
-    tare(source, pipeline)
-    answers = []
-    for spot in choose_press_targets(info.skin):
-        say(f"press {describe_taxel(info.skin, spot.taxel)}")
-        taxel = wait_for_press(source, pipeline, wait, printer)
-        answers.append(PressResponse(spot, taxel))
-        place = "" if taxel is None else describe_taxel(info.skin, taxel)
-        say(f"  felt on {place}" if place else "  nothing felt")
-    printer.finish()
-    return answers
-
-
-def tare(source: "Source", pipeline: "TouchPipeline") -> None:
-    """Let the pipeline tare the skin for the first seconds of the stream."""
-    until = None
-    for scan in source:
-        until = scan.stamp + TARE_S * NS_PER_S if until is None else until
-        pipeline.push(scan)
-        if scan.stamp >= until:
-            return
-
-
-def wait_for_press(
-    source: "Source", pipeline: "TouchPipeline", wait: float, printer: "SkinPrinter"
-) -> int | None:
-    """Return the taxel of the next press; None if none comes in time [s].
-
-    What happens to the skin meanwhile, and what was felt last, is printed.
-    """
-    from eskin.touch import PressDetector
-
-    waiting = WaitReporter(source.info.skin, describe_least_press())
-    detector = PressDetector()
-    start = None
-    for scan in source:
-        start = scan.stamp if start is None else start
-        state = pipeline.push(scan)
-        taxel = detector.push(state)
-        check_way(state.faults)
-        printer.push(scan.stamp, state.faults, source.take_events())
-        say(waiting.push(state, "touch" if detector.since is None else None))
-        if taxel is not None or scan.stamp - start > wait * NS_PER_S:
-            return taxel
-    return None
+    from eskin.calibration import PressRequest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +92,7 @@ def run(command: CheckCommand) -> dict[str, object]:
 
 def check_live_wiring(command: CheckCommand) -> list[str]:
     """Ask for presses and check the answers; raise if a patch is wired wrongly."""
+    from eskin.calibration.wiring_guide import WiringGuide
     from eskin.skin.wiring import check_wiring
 
     if not command.source:
@@ -173,8 +102,10 @@ def check_live_wiring(command: CheckCommand) -> list[str]:
         )
     with ExitStack() as stack:
         source, mounted = open_guided_source(command, stack)
-        answers = collect_presses(source, mounted.robot, command.wait)
-    found = check_wiring(source.info.skin, answers)
+        guide = WiringGuide(mounted, source.info.calibration)
+        dialogue = WiringDialogue(guide)
+        guide_person(source, dialogue, command.wait, take_events=source.take_events)
+    found = check_wiring(guide.skin, guide.finish())
     for line in found:
         print(line)
     if found:
@@ -184,6 +115,19 @@ def check_live_wiring(command: CheckCommand) -> list[str]:
         )
     print("every patch answered where it was pressed")
     return []
+
+
+@final
+class WiringDialogue(Dialogue[Any]):
+    """Puts presses on the targets of a skin into words."""
+
+    def describe_press(self, request: "PressRequest") -> str:
+        """Describe where to press."""
+        return f"press {describe_taxel(self.guide.skin, request.taxel)}"
+
+    def describe_skip(self, request: "PressRequest") -> str:
+        """Describe that a press is left out."""
+        return "the press is left out"
 
 
 def find_problems(
