@@ -17,6 +17,8 @@ from lab.vary.rewrite import Slots, set_defaults, write_copy, write_edited
 from lab.vary.table import compare, describe
 
 KERNELS = '''"""Kernels."""
+from typing import NamedTuple
+
 from numba import njit
 
 NOWHERE = -1.0
@@ -28,18 +30,29 @@ FACTOR = 0.5 * LIMIT
 WHOLE = round(FACTOR)
 
 
+class Shape(NamedTuple):
+    """A record of constants."""
+
+    scale: float = 1.5
+    widths: tuple[float, float] = (2.0, 5.0)
+
+
+SHAPE = Shape()
+TWICE = 2.0 * SHAPE.scale
+
+
 @njit
 def weigh(values):
     """Return a sum that depends on each constant."""
     total = values[FIRST] * LIMIT + values[LAST] * SHARES[0] * WHOLE
     for k in range(COUNT):
         total += k * SHARES[1]
-    return total
+    return total * SHAPE.scale + SHAPE.widths[1]
 '''
 RULES = '''"""Rules."""
 from dataclasses import dataclass
 
-from eskin.touch.kernels import COUNT as MANY, FACTOR, weigh
+from eskin.touch.kernels import COUNT as MANY, FACTOR, SHAPE, TWICE, weigh
 
 
 @dataclass(frozen=True)
@@ -58,7 +71,7 @@ def judge(values, config=None):
     def add(one):
         return one + FACTOR
 
-    settings = [config.least, RuleConfig.least, config.half]
+    settings = [config.least, RuleConfig.least, config.half, SHAPE.scale, TWICE]
     return [float(weigh(values)), add(MANY), *settings]
 
 
@@ -87,6 +100,8 @@ CHANGES = (
     {"touch.kernels:SHARES[1]": 8},
     {"touch.kernels:COUNT": 6},
     {"touch.rules:RuleConfig.least": 1.4},
+    {"touch.kernels:Shape.scale": 4.5},
+    {"touch.kernels:Shape.widths[1]": 7.0},
 )
 
 
@@ -122,6 +137,9 @@ def test_tuned_are_named_numbers_and_defaults_of_configurations(sources):
         "SHARES[0]": 0.25,
         "SHARES[1]": 4,
         "COUNT": 3,
+        "Shape.scale": 1.5,
+        "Shape.widths[0]": 2.0,
+        "Shape.widths[1]": 5.0,
         "RuleConfig.least": 0.7,
     }
 
@@ -138,6 +156,8 @@ def test_a_computed_constant_follows_the_number_it_is_computed_from(sources):
     assert sources.compute(("touch.kernels", "WHOLE")) == 2
     assert sources.compute(("touch.kernels", "WHOLE"), changed) == 3
     assert sources.compute(("touch.rules", "RuleConfig.half"), changed) == 3.0
+    changed = {"touch.kernels:Shape.scale": 4.5}
+    assert sources.compute(("touch.kernels", "TWICE"), changed) == 9.0
 
 
 @pytest.mark.slow

@@ -1,9 +1,9 @@
 """Find the tuned numbers of the front end in its sources, and what depends on them.
 
 Each module constant in capitals is tuned that is a number, alone or in a tuple, and
-each number that is a default of a configuration. Not tuned are numbers by which
-something is indexed; zero and negative numbers, which stand for nothing; and those of
-`NOT_TUNED`.
+each number that is a default of a configuration or of a record of constants, a named
+tuple of which the module has one. Not tuned are numbers by which something is indexed;
+zero and negative numbers, which stand for nothing; and those of `NOT_TUNED`.
 """
 
 import ast
@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import final
 
 import numpy as np
@@ -54,7 +55,7 @@ class Number:
     module: str
     """Its module, such as `touch.belief_kernels`."""
     name: str
-    """Its name, with the class in front of a default: `ContactConfig.on`."""
+    """Its name, with the class in front of a field: `ContactConfig.on`."""
     part: int | None
     """Its place in a tuple; None where it is no part of one."""
     value: int | float
@@ -101,17 +102,48 @@ class ModuleSource:
         return found
 
     @cached_property
+    def records(self) -> dict[str, str]:
+        """The classes of its records of constants, by the names of the constants."""
+        kinds = {
+            node.name
+            for node in self.tree.body
+            if isinstance(node, ast.ClassDef)
+            and any(
+                isinstance(b, ast.Name) and b.id == "NamedTuple" for b in node.bases
+            )
+        }
+        return {
+            name: node.func.id
+            for name, node in self.constants.items()
+            if isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id in kinds
+        }
+
+    @cached_property
     def defaults(self) -> dict[str, ast.expr]:
         """The expressions of the defaults of its configurations, as `Class.field`."""
         return {
-            f"{node.name}.{each.target.id}": each.value
-            for node in self.tree.body
-            if isinstance(node, ast.ClassDef) and node.name.endswith("Config")
-            for each in node.body
-            if isinstance(each, ast.AnnAssign)
-            and isinstance(each.target, ast.Name)
-            and each.value is not None
+            name: value
+            for kind in self.tree.body
+            if isinstance(kind, ast.ClassDef) and kind.name.endswith("Config")
+            for name, value in list_fields(kind)
         }
+
+    @cached_property
+    def members(self) -> dict[str, ast.expr]:
+        """The expressions of the fields of its records, as `Class.field`."""
+        return {
+            name: value
+            for kind in self.tree.body
+            if isinstance(kind, ast.ClassDef) and kind.name in self.records.values()
+            for name, value in list_fields(kind)
+        }
+
+    @cached_property
+    def numbers(self) -> dict[str, ast.expr]:
+        """The expressions of all that may be tuned."""
+        return self.constants | self.defaults | self.members
 
     @cached_property
     def imported(self) -> dict[str, Place]:
@@ -142,6 +174,14 @@ class ModuleSource:
                     bounds = [part.lower, part.upper]
                 found |= {one.id for one in bounds if isinstance(one, ast.Name)}
         return found
+
+
+def list_fields(kind: ast.ClassDef) -> Iterator[tuple[str, ast.expr]]:
+    """Yield each field of a class that has a default, as `Class.field`."""
+    for each in kind.body:
+        if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name):
+            if each.value is not None:
+                yield f"{kind.name}.{each.target.id}", each.value
 
 
 def pair_targets(
@@ -210,15 +250,14 @@ class Sources:
             A number or a tuple of numbers; None for anything else.
         """
         module, name = place
-        source = self.get(module)
         changed = changed or {}
-        node = source.constants.get(name) or source.defaults.get(name)
+        node = self.get(module).numbers.get(name)
         if node is None:
             return None
         names: dict[str, object] = {}
         for each in ast.walk(node):
             if isinstance(each, ast.Name) and each.id not in FUNCTIONS:
-                value = self.compute(self.find(module, each.id), changed)
+                value = self.compute_name(self.find(module, each.id), changed)
                 if value is None:
                     return None
                 names[each.id] = value
@@ -235,11 +274,33 @@ class Sources:
             return tuple(parts)
         return None
 
+    def compute_name(self, place: Place, changed: Mapping[str, float]) -> object:
+        """Compute what a name stands for: a constant, or a record of them."""
+        module, name = place
+        source = self.get(module)
+        if name not in source.records:
+            return self.compute(place, changed)
+        kind = source.records[name]
+        return SimpleNamespace(
+            **{
+                member.removeprefix(f"{kind}."): self.compute((module, member), changed)
+                for member in source.members
+                if member.startswith(f"{kind}.")
+            }
+        )
+
+    def find_member(self, module: str, node: ast.Attribute) -> Place | None:
+        """Return the place of a field that is read from a record; None of others."""
+        if not isinstance(node.value, ast.Name):
+            return None
+        owner, name = self.find(module, node.value.id)
+        kind = self.get(owner).records.get(name)
+        return None if kind is None else (owner, f"{kind}.{node.attr}")
+
     def is_given(self, place: Place) -> bool:
         """Return whether a constant is written as numbers, not computed from others."""
         module, name = place
-        source = self.get(module)
-        node = source.constants.get(name) or source.defaults.get(name)
+        node = self.get(module).numbers.get(name)
         return node is not None and not any(
             isinstance(each, ast.Name | ast.Call | ast.Attribute)
             for each in ast.walk(node)
@@ -248,8 +309,7 @@ class Sources:
     def list_places(self) -> Iterator[Place]:
         """Yield all constants and defaults of the front end that are numbers."""
         for module in self.modules:
-            source = self.get(module)
-            for name in (*source.constants, *source.defaults):
+            for name in self.get(module).numbers:
                 if self.compute((module, name)) is not None:
                     yield module, name
 

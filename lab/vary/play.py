@@ -2,7 +2,7 @@
 
     python -m lab.vary play FOLDER FOUND.jsonl
     python -m lab.vary play FOLDER FOUND.jsonl --modules touch.outage_kernels
-    python -m lab.vary play FOLDER TRUE.jsonl --names NOISE_SIGMAS --edited
+    python -m lab.vary play FOLDER TRUE.jsonl --names NoiseBand.noise_sigmas --edited
 
 Each variant adds a line to the file, and those that are there are not played again.
 One process plays all of them (`lab.vary.rewrite`). With `--edited` each is played by
@@ -44,7 +44,7 @@ class Command:
     sources: Path = Path(eskin.__file__).parent
     """Folder of the package whose numbers are varied."""
     names: tuple[str, ...] = ()
-    """Numbers to vary, such as `ContactConfig.on` or `SHARE_QUANTILE[1]`; all unless
+    """Numbers to vary, such as `ContactConfig.on` or `PressEnd.fall_rate`; all unless
     given."""
     modules: tuple[str, ...] = ()
     """Modules whose numbers are varied, in this order; all unless given."""

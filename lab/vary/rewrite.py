@@ -42,7 +42,8 @@ class Slots:
         places = [
             place
             for place in sources.list_places()
-            if "." not in place[1] and sources.why_not_tuned(place) in ("", COMPUTED)
+            if place[1] not in sources.get(place[0]).defaults
+            and sources.why_not_tuned(place) in ("", COMPUTED)
         ]
         return cls(sources, tuple(places))
 
@@ -95,8 +96,18 @@ class FunctionRewriter(ast.NodeTransformer):
         if not self.hidden or any(node.id in own for own in self.hidden):
             return node
         place = self.sources.find(self.module, node.id)
-        if place not in self.first:
-            return node
+        return self.build_value(place) if place in self.first else node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:  # noqa: N802
+        """Replace a field that is read from a record of constants."""
+        place = self.sources.find_member(self.module, node) if self.hidden else None
+        if place in self.first:
+            return self.build_value(place)
+        self.generic_visit(node)
+        return node
+
+    def build_value(self, place: Place) -> ast.expr:
+        """Build the expression of the elements of a constant."""
         value = self.sources.compute(place)
         first = self.first[place]
         if isinstance(value, tuple):
@@ -122,7 +133,7 @@ class NumberEditor(ast.NodeTransformer):
         """Edit one module; numbers are changed by their `Number.key`."""
         self.found: dict[ast.expr, ast.expr] = {}
         source = sources.get(module)
-        for name, node in (source.constants | source.defaults).items():
+        for name, node in source.numbers.items():
             if any(key.split("[")[0] == f"{module}:{name}" for key in changed):
                 value = sources.compute((module, name), changed)
                 self.found[node] = ast.parse(repr(value), mode="eval").body

@@ -3,12 +3,13 @@
 # pyright: reportAttributeAccessIssue=false
 
 import math
+from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from eskin.compiled import Packed, compiled
-from eskin.touch.noise_kernels import CLEAR_FACTOR
+from eskin.touch.noise_kernels import BAND
 from eskin.touch.records import (
     FINGERTIP,
     KernelReading,
@@ -20,34 +21,43 @@ from eskin.touch.taxel_kernels import SHORTEST_PRESS, select
 PA_PER_KPA = 1000.0
 PRESSED_FLOOR = 0.75
 """Floor of the noise of a taxel that is pressed, or beside one that rises, in units of
-that of others."""
-FALL_SECONDS = 0.1
-"""Time over which the fall of a pressure is looked at [s]."""
-MAX_FALL_SECONDS = 0.25
-"""Time over which a fall tells nothing, as after counts that repeat [s]."""
-FALL_RATE = 0.3
-"""Rate of such a fall from which nothing holds a taxel any more, in units of the rate
-at which its sensor falls by itself."""
-HAND_SECONDS = 0.08
-"""Time constant with which the pressure of a hand that lifts falls [s]: no sensor is
-seen to fall faster."""
-MAX_RELEASE_SECONDS = 0.5
-"""Largest time constant of a sensor [s]: what falls more slowly is a hand."""
-AGAIN_SHARE = 0.25
-"""Rise after such a fall that is contact again, in units of the lowest pressure."""
-CLEAR_PRESS = 4.0
-"""Smallest pressure whose fall tells that a hand lifts, and how fast the sensor falls,
-in units of the pressure at which it is at rest."""
-PEAK_SECONDS = 20.0
-"""Time constant with which the greatest pressure of a press counts for less [s]."""
-SMOOTH_SECONDS = 0.03
-"""Time constant with which the noise of a pressed taxel is averaged [s]."""
-REST_SECONDS = 1.0
-"""Time at rest after which nothing is left of a press [s]."""
-MIN_SLOT_SECONDS = 0.0125
-"""Time between two pressures that are kept to see a fall [s]."""
+the floor of others."""
 MIN_NOISE = 0.1
 """Smallest pressure that is taken for noise [kPa]."""
+
+
+@final
+class PressEnd(NamedTuple):
+    """A press ends on a taxel whose pressure falls as fast as its sensor lets it."""
+
+    fall_seconds: float = 0.1
+    """Time over which the fall of a pressure is looked at [s]."""
+    max_fall_seconds: float = 0.25
+    """Time over which a fall tells nothing, as after counts that repeat [s]."""
+    min_slot_seconds: float = 0.0125
+    """Time between two pressures that are kept to see a fall [s]."""
+    fall_rate: float = 0.3
+    """Rate of such a fall from which nothing holds a taxel any more, in units of the
+    rate at which its sensor falls by itself."""
+    hand_seconds: float = 0.08
+    """Time constant with which the pressure of a hand that lifts falls [s]: no sensor
+    is seen to fall faster."""
+    max_release_seconds: float = 0.5
+    """Largest time constant of a sensor [s]: what falls more slowly is a hand."""
+    again_share: float = 0.25
+    """Rise after such a fall that is contact again, in units of the lowest pressure."""
+    clear_press: float = 4.0
+    """Smallest pressure whose fall tells that a hand lifts, and how fast the sensor
+    falls, in units of the pressure at which it is at rest."""
+    peak_seconds: float = 20.0
+    """Time constant with which the greatest pressure of a press counts for less [s]."""
+    smooth_seconds: float = 0.03
+    """Time constant with which the noise of a pressed taxel is averaged [s]."""
+    rest_seconds: float = 1.0
+    """Time at rest after which nothing is left of a press [s]."""
+
+
+PRESS_END = PressEnd()
 BEGIN, END, LINK, PATCH, AGE, FORCE, AREA, PEAK, EVIDENCE = range(9)
 P_WORLD = 9
 N_WORLD = 12
@@ -220,11 +230,12 @@ def update_pressed(
     for i in pressed:
         note_press(i, reading, context)
     slot = context.slot[0]
+    now = reading.instant.now
     before = find_slot(
-        reading.instant.now - FALL_SECONDS + MIN_SLOT_SECONDS / 2, context
+        now - PRESS_END.fall_seconds + PRESS_END.min_slot_seconds / 2, context
     )
     if not is_repeated:
-        slot = advance_slot(reading.instant.now, context)
+        slot = advance_slot(now, context)
         follow_falls(pressed, slot, before, reading, context)
     keep_pressed(pressed, before, reading, context)
     active = np.empty_like(pressed)
@@ -249,7 +260,7 @@ def note_press(i: int, reading: KernelReading, context: TrackerContext) -> None:
     if last < since:
         taxel.highest = 0.0
         taxel.moved = 0
-    if instant.now - taxel.pressed_at > REST_SECONDS:
+    if instant.now - taxel.pressed_at > PRESS_END.rest_seconds:
         taxel.released = 0
     if taxel.pressed_at < since or not taxel.pressed:
         taxel.fastest = 0.0
@@ -290,11 +301,14 @@ def follow_falls(
     """
     parameters = context.parameters
     now = reading.instant.now
-    limit = FALL_RATE * min(context.release_rate[0], 1.0 / HAND_SECONDS)
+    sensor_rate = min(context.release_rate[0], 1.0 / PRESS_END.hand_seconds)
+    limit = PRESS_END.fall_rate * sensor_rate
     elapsed = now - context.measured_at[0]
     context.measured_at[0] = now
-    weight = 1.0 - math.exp(-elapsed / SMOOTH_SECONDS) if elapsed > 0.0 else 1.0
-    fade = math.exp(-elapsed / PEAK_SECONDS)
+    weight = 1.0
+    if elapsed > 0.0:
+        weight = 1.0 - math.exp(-elapsed / PRESS_END.smooth_seconds)
+    fade = math.exp(-elapsed / PRESS_END.peak_seconds)
     is_fast = 0.0 < reading.instant.elapsed <= SHORTEST_PRESS
     for i in pressed:
         taxel = context.taxels[i]
@@ -309,7 +323,7 @@ def follow_falls(
         taxel.strongest = max(fade * taxel.strongest, taxel.smooth)
         context.recent[slot, i] = taxel.smooth
         rate = compute_fall(i, taxel.smooth, before, now, context)
-        clear = CLEAR_PRESS * max(parameters.off, taxel.floor)
+        clear = PRESS_END.clear_press * max(parameters.off, taxel.floor)
         if taxel.smooth >= clear:
             taxel.fastest = max(taxel.fastest, rate)
         if not taxel.released and rate >= limit and taxel.strongest >= clear:
@@ -317,7 +331,7 @@ def follow_falls(
             taxel.lowest = taxel.smooth
         elif taxel.released:
             taxel.lowest = min(taxel.lowest, taxel.smooth)
-            rise = max(AGAIN_SHARE * taxel.lowest, parameters.on, taxel.floor)
+            rise = max(PRESS_END.again_share * taxel.lowest, parameters.on, taxel.floor)
             if taxel.smooth >= taxel.lowest + rise:
                 taxel.released = 0
                 taxel.onset = reading.instant.stamp
@@ -338,7 +352,7 @@ def compute_fall(
         return 0.0
     earlier = context.recent[before, i]
     elapsed = now - context.recent_times[before]
-    if earlier <= pressure or elapsed > MAX_FALL_SECONDS:
+    if earlier <= pressure or elapsed > PRESS_END.max_fall_seconds:
         return 0.0
     return math.log(earlier / pressure) / elapsed
 
@@ -348,7 +362,7 @@ def advance_slot(now: float, context: TrackerContext) -> int:
     """Return the slot of the pressures of a reading, a new one after some time."""
     times = context.recent_times
     slot = context.slot[0]
-    if now - times[slot] >= MIN_SLOT_SECONDS:
+    if now - times[slot] >= PRESS_END.min_slot_seconds:
         slot = (slot + 1) % len(times)
         context.slot[0] = slot
         times[slot] = now
@@ -393,7 +407,8 @@ def keep_pressed(
         if reading.valid[i]:
             least = max(context.parameters.off, taxels[i].floor)
             rate = taxels[i].fastest
-            if before >= 0 and context.recent[before, i] >= CLEAR_PRESS * least:
+            clear = PRESS_END.clear_press * least
+            if before >= 0 and context.recent[before, i] >= clear:
                 # It fell faster than could be followed.
                 fall = compute_fall(i, least, before, instant.now, context)
                 rate = max(rate, fall)
@@ -419,7 +434,7 @@ def add_release(rate: float, context: TrackerContext) -> None:
     rates[context.releases[0] % len(rates)] = rate
     context.releases[0] += 1
     usual = select(rates.copy(), len(rates) // 2)
-    context.release_rate[0] = max(usual, 1.0 / MAX_RELEASE_SECONDS)
+    context.release_rate[0] = max(usual, 1.0 / PRESS_END.max_release_seconds)
 
 
 @compiled
@@ -508,7 +523,8 @@ def find_peak(i: int, reading: KernelReading, context: TrackerContext) -> float:
     span = context.geometry[i].neighbours
     for k in range(span[0], span[1]):
         near = context.taxels[context.neighbours[k]]
-        if near.released and reading.instant.now - near.pressed_at <= REST_SECONDS:
+        rested = reading.instant.now - near.pressed_at
+        if near.released and rested <= PRESS_END.rest_seconds:
             peak = max(peak, near.strongest)
     return peak
 
@@ -669,7 +685,7 @@ def weigh_contact(
         strength = math.log(max(reading.pressure[i] / noise, 1.0))
         strength = min(strength, most)
         evidence += strength
-        clear += reading.pressure[i] >= CLEAR_FACTOR * noise
+        clear += reading.pressure[i] >= BAND.clear_factor * noise
         if strength > strongest:
             strongest = strength
             changed = taxel.changed != 0

@@ -9,6 +9,7 @@ touched, as most of the taxels concerned are not touched themselves.
 
 # pyright: reportAttributeAccessIssue=false, reportReturnType=false
 # Fields of records, and the types of what is computed, are known to numba only.
+from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -22,31 +23,40 @@ Taxels = Int[np.ndarray, "some"]
 Values = Float[np.ndarray, "taxel"]
 Flags = Bool[np.ndarray, "taxel"]
 
-MIN_CROSSTALK_PRESSURE = 1.5
-"""Greatest pressure of a patch up to which crosstalk is ignored [kPa]."""
-MIN_OTHERS = 0.3
-"""Smallest conductance of the others, relative to half scale, for an observation."""
-MIN_SHARES = 8
-"""Smallest number of taxels for an observation."""
-MAX_TOUCHED_SHARE = 0.25
-"""Largest fraction of a patch that may be touched for an observation."""
-MIN_TOUCHED = 0.3
-"""Conductance of a touched taxel over the largest of its patch: crosstalk along the
-lines of a hand shows less."""
-GHOST_FACTOR = 2.5
-"""Factor by which ghosts are subtracted. Taxels that the bend of the skin presses at
-rest conduct detours too, but do not show in pressures above rest. Touched taxels lose
-little by the factor."""
 EPSILON = 1e-9
 """Negligible conductance that prevents a division by zero."""
 LEAK = 0
 GHOST = 1
 """Indices of the two coefficients: leakage along lines, and ghosts by detours."""
-MAX_ESTIMATE = (0.08, 0.15)
-"""Largest value of each coefficient; a larger observation is due to a touch and is
-discarded."""
-SHARE_QUANTILE = (0.4, 0.25)
-"""Quantile of the shares of all taxels that is an observation of each coefficient."""
+
+
+@final
+class CrosstalkObservation(NamedTuple):
+    """A small touch shows the two coefficients on the taxels that it does not touch."""
+
+    min_pressure: float = 1.5
+    """Greatest pressure of a patch up to which crosstalk is ignored [kPa]."""
+    min_touched: float = 0.3
+    """Conductance of a touched taxel over the largest of its patch: crosstalk along the
+    lines of a hand shows less."""
+    max_touched_share: float = 0.25
+    """Largest fraction of a patch that may be touched."""
+    min_others: float = 0.3
+    """Smallest conductance of the others, relative to half scale."""
+    min_shares: int = 8
+    """Smallest number of taxels that show it."""
+    quantiles: tuple[float, float] = (0.4, 0.25)
+    """Quantile of the shares of all taxels that is taken for each coefficient."""
+    most: tuple[float, float] = (0.08, 0.15)
+    """Largest value of each coefficient; a larger one is due to a touch and is
+    discarded."""
+    ghost_factor: float = 2.5
+    """Factor by which ghosts are subtracted. Taxels that the bend of the skin presses
+    at rest conduct detours too, but do not show in pressures above rest. Touched taxels
+    lose little by the factor."""
+
+
+CROSSTALK = CrosstalkObservation()
 
 
 @compiled
@@ -62,7 +72,7 @@ def compensate(pressure: Values, valid: Flags, packed_context: Packed) -> None:
         greatest = 0.0
         for i in members:
             greatest = max(greatest, float(pressure[i]))
-        if greatest > MIN_CROSSTALK_PRESSURE:
+        if greatest > CROSSTALK.min_pressure:
             compensate_patch(members, pressure, valid, context)
 
 
@@ -79,11 +89,11 @@ def compensate_patch(
         scale = context.constants[i].gain * context.full_scale
         shown[i] = (felt / scale) ** exponent if felt > 0.0 else 0.0
         largest = max(largest, shown[i])
-    touched = MIN_TOUCHED * largest
+    touched = CROSSTALK.min_touched * largest
     count = 0
     for i in members:
         count += shown[i] > touched
-    is_small = count <= MAX_TOUCHED_SHARE * len(members)
+    is_small = count <= CROSSTALK.max_touched_share * len(members)
     if is_small:
         observe_leak(members, touched, valid, context)
     remove_leak(members, context)
@@ -118,7 +128,7 @@ def compute_conductance(above: float, context: FrontEndContext) -> float:
 @compiled
 def remove_ghost(i: int, crosstalk: Crosstalk) -> float:
     """Return the own conductance of a taxel without its ghost."""
-    ghost = GHOST_FACTOR * crosstalk.value[GHOST] * crosstalk.detours[i]
+    ghost = CROSSTALK.ghost_factor * crosstalk.value[GHOST] * crosstalk.detours[i]
     return max(crosstalk.own[i] - ghost, 0.0)
 
 
@@ -157,7 +167,7 @@ def observe_leak(
         row = crosstalk.row_sums[rows[i]]
         column = crosstalk.column_sums[columns[i]]
         line = max(row, column)
-        if min(row, column) == 0.0 and line > MIN_OTHERS and valid[i]:
+        if min(row, column) == 0.0 and line > CROSSTALK.min_others and valid[i]:
             crosstalk.shares[count] = crosstalk.shown[i] / line
             count += 1
     add_observation(LEAK, count, crosstalk)
@@ -216,7 +226,7 @@ def observe_ghost(members: Taxels, valid: Flags, context: FrontEndContext) -> No
     crosstalk = context.crosstalk
     count = 0
     for i in members:
-        if crosstalk.detours[i] > 0.5 * MIN_OTHERS and valid[i]:
+        if crosstalk.detours[i] > 0.5 * CROSSTALK.min_others and valid[i]:
             crosstalk.shares[count] = crosstalk.own[i] / crosstalk.detours[i]
             count += 1
     add_observation(GHOST, count, crosstalk)
@@ -225,11 +235,11 @@ def observe_ghost(members: Taxels, valid: Flags, context: FrontEndContext) -> No
 @compiled
 def add_observation(part: int, count: int, crosstalk: Crosstalk) -> None:
     """Add a quantile of the shares as an observation, unless it is due to a touch."""
-    if count < MIN_SHARES:
+    if count < CROSSTALK.min_shares:
         return
-    place = int(SHARE_QUANTILE[part] * (count - 1))
+    place = int(CROSSTALK.quantiles[part] * (count - 1))
     observed = select(crosstalk.shares[:count], place)
-    if observed > MAX_ESTIMATE[part]:
+    if observed > CROSSTALK.most[part]:
         return
     ring = crosstalk.observed[part]
     ring[crosstalk.seen[part] % len(ring)] = max(observed, 0.0)

@@ -9,6 +9,7 @@ alone in one step, and what a line or patch does as a whole, is its own.
 
 from collections import namedtuple
 from dataclasses import dataclass, fields
+from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,7 +19,8 @@ from eskin.touch.adjacency import TaxelGroups
 from eskin.touch.context import FrontEndContext, KernelScan
 from eskin.touch.noise_kernels import (
     FOLLOWS,
-    NOISE_SECONDS,
+    NOISE,
+    SUSPICION,
     find_side,
     follow_noise,
     is_alone,
@@ -32,47 +34,59 @@ Taxels = Int[np.ndarray, "some"]
 
 STUCK, DEAD, NEGATIVE, SATURATED, NOISY = range(5)
 """Codes of the faults of a taxel."""
-SUSPICION_SECONDS = 10.0
-"""Time constant with which the suspicion of a fault fades [s]."""
-MOST_SUSPICION = 2.0
-"""Largest suspicion, as of a lone step after which a taxel stays flat; a lone step that
-lasts two scans, or is gone after one, counts for one."""
-STEP_SIGMAS = 6.6
-"""Smallest lone step, in standard deviations of the noise."""
-FLAT = 0.25
-"""Largest change of the counts in the scan before a lone step and in that after it, in
-units of the step. One end of it is as near to rest: a hand that is on a taxel changes
-its counts as it moves."""
-FLAT_SECONDS = 0.15
-"""Time with flat counts after which such a step is no touch [s]."""
-FLAT_SCANS = 7
-"""Number of scans with flat counts after which such a step is no touch."""
-MAX_STEP_INTERVAL = 0.03
-"""Largest time between two scans in which no finger lands or lifts completely [s]."""
-MAX_FLAT_INTERVAL = 0.042
-"""Largest time between two scans at which flat counts tell anything [s]."""
-LINE_SHARE = 1 / 3
-"""Share of a row or column above which what its taxels do is taken for its own: more
-are faulty, or active. It is not connected, though some taxels do not show it at zero
-or full scale."""
-MIN_LINE = 3
-"""Number of taxels from which a row or column can be faulty as a whole, and of its
-taxels away from rest or faulty from which it is doubted: beside a pressed taxel, one
-that was released may be below rest for a while."""
 MIN_LEARNED = 0.3
 """Time from which the noise is known well enough to tell what is away from rest [s]:
 before, whole patches would be doubted."""
 SWING_SHARE = 0.25
 """Share of a patch that is above rest by more than noise, and soon after below it, as
 no hand does."""
-MIXED_SHARE = 0.2
-"""Share of a row or column above rest by more than noise, and another below it, that
-makes it doubtful: it is not connected."""
-EVEN_SIZE = 6
-"""Number of taxels of a row or column from which it must not be pressed evenly."""
-EVEN_SPREAD = 0.2
-"""Standard deviation of the counts above rest of a line, in units of their mean, below
-which it is pressed evenly, as by hum and by no hand."""
+
+
+@final
+class LoneStep(NamedTuple):
+    """A step that one taxel makes alone is no touch, if it ends or stays flat."""
+
+    sigmas: float = 6.6
+    """Smallest step, in standard deviations of the noise."""
+    max_interval: float = 0.03
+    """Largest time between two scans in which no finger lands or lifts completely
+    [s]."""
+    flat: float = 0.25
+    """Largest change of the counts in the scan before the step and in the scan after
+    it, in units of the step. One end of it is as near to rest: a hand that is on a
+    taxel changes its counts as it moves."""
+    flat_seconds: float = 0.15
+    """Time with flat counts after which the step is no touch [s]."""
+    flat_scans: int = 7
+    """Number of scans with flat counts after which the step is no touch."""
+    max_flat_interval: float = 0.042
+    """Largest time between two scans at which flat counts tell anything [s]."""
+
+
+@final
+class FaultyLine(NamedTuple):
+    """A row or column is at fault as a whole by what many of its taxels do."""
+
+    share: float = 1 / 3
+    """Share of the line above which what its taxels do is taken for its own: more are
+    faulty, or active. It is not connected, though some taxels do not show it at zero or
+    full scale."""
+    least: int = 3
+    """Number of taxels from which a line can be faulty as a whole, and of its taxels
+    away from rest or faulty from which it is doubted: beside a pressed taxel, one that
+    was released may be below rest for a while."""
+    mixed_share: float = 0.2
+    """Share of the line above rest by more than noise, and another below it, that makes
+    it doubtful: it is not connected."""
+    even_size: int = 6
+    """Number of its taxels from which it must not be pressed evenly."""
+    even_spread: float = 0.2
+    """Standard deviation of its counts above rest, in units of their mean, below which
+    it is pressed evenly, as by hum and by no hand."""
+
+
+LONE_STEP = LoneStep()
+LINE = FaultyLine()
 
 
 @dataclass(frozen=True)
@@ -186,15 +200,15 @@ def follow_steps(scan: KernelScan, context: FrontEndContext) -> None:
     more lightly, within a scan or two. At full scale all that presses is flat.
     """
     taxels = context.taxels
-    forget = np.exp(-scan.elapsed / SUSPICION_SECONDS)
-    follows = scan.elapsed <= MAX_FLAT_INTERVAL
+    forget = np.exp(-scan.elapsed / SUSPICION.fade_seconds)
+    follows = scan.elapsed <= LONE_STEP.max_flat_interval
     for i in range(len(taxels)):
         taxel = taxels[i]
         taxel.suspicion *= forget
         if not scan.received[i]:
             taxel.flat_since = NEVER
             continue
-        if not follows or scan.now - taxel.first_received < NOISE_SECONDS:
+        if not follows or scan.now - taxel.first_received < NOISE.seconds:
             taxel.flat_since = NEVER
             continue
         if taxel.flat_since > NEVER:
@@ -207,12 +221,13 @@ def follow_steps(scan: KernelScan, context: FrontEndContext) -> None:
 def follow_flat(i: int, scan: KernelScan, context: FrontEndContext) -> None:
     """Suspect a taxel that stays flat after a lone step for long enough."""
     taxel = context.taxels[i]
+    long_flat = max(LONE_STEP.flat_seconds, LONE_STEP.flat_scans * scan.elapsed)
     if taxel.first >= context.full_scale:
         taxel.flat_since = NEVER
     elif abs(taxel.first - taxel.flat_level) > FOLLOWS * taxel.flat_step:
         taxel.flat_since = NEVER
-    elif scan.now - taxel.flat_since >= max(FLAT_SECONDS, FLAT_SCANS * scan.elapsed):
-        taxel.suspicion = MOST_SUSPICION
+    elif scan.now - taxel.flat_since >= long_flat:
+        taxel.suspicion = SUSPICION.most
         taxel.flat_since = NEVER
 
 
@@ -223,8 +238,8 @@ def judge_step(i: int, scan: KernelScan, context: FrontEndContext) -> None:
     step = taxel.second - taxel.third
     size = abs(step)
     contact = context.constants[i].contact
-    least = max(STEP_SIGMAS * taxel.noise, contact, taxel.band)
-    flat = FLAT * size
+    least = max(LONE_STEP.sigmas * taxel.noise, contact, taxel.band)
+    flat = LONE_STEP.flat * size
     rest = taxel.rest
     off_rest = min(abs(taxel.second - rest), abs(taxel.third - rest))
     before = abs(taxel.third - taxel.fourth)
@@ -234,10 +249,10 @@ def judge_step(i: int, scan: KernelScan, context: FrontEndContext) -> None:
     if not is_alone(i, size, context):
         return
     goes_on = abs(taxel.first - taxel.second) <= flat
-    if scan.elapsed <= MAX_STEP_INTERVAL:
+    if scan.elapsed <= LONE_STEP.max_interval:
         if goes_on or abs(taxel.first - taxel.third) <= flat:
-            taxel.suspicion = min(taxel.suspicion + 1.0, MOST_SUSPICION)
-    least = max(least, STEP_SIGMAS / FOLLOWS * taxel.noise)
+            taxel.suspicion = min(taxel.suspicion + 1.0, SUSPICION.most)
+    least = max(least, LONE_STEP.sigmas / FOLLOWS * taxel.noise)
     if goes_on and min(step, taxel.second - rest) >= least:
         if taxel.first < context.full_scale:
             taxel.flat_since = scan.now - scan.elapsed
@@ -321,10 +336,10 @@ def follow_swings(
             if patch.side != 0:
                 for i in groups.order[groups.starts[n] : groups.starts[n + 1]]:
                     taxel = context.taxels[i]
-                    taxel.suspicion = min(taxel.suspicion + 1.0, MOST_SUSPICION)
+                    taxel.suspicion = min(taxel.suspicion + 1.0, SUSPICION.most)
             patch.side = side
             patch.turned_at = now
-        if now - patch.turned_at > SUSPICION_SECONDS:
+        if now - patch.turned_at > SUSPICION.fade_seconds:
             patch.side = 0
 
 
@@ -337,15 +352,15 @@ def doubt_mixed_lines(
 ) -> None:
     """Doubt rows or columns that are partly above rest and partly below it.
 
-    So does a line that is not connected, of which at least `MIN_LINE` taxels are away
-    from rest; a hand presses, and presses nothing below rest.
+    So does a line that is not connected, of which at least `LINE.least` taxels are away
+    from rest. A hand presses, and presses nothing below rest.
     """
     for line in range(len(lines.sizes)):
         size = lines.sizes[line]
         high = sides[0, line]
         low = sides[1, line]
-        is_mixed = high / size >= MIXED_SHARE and low / size >= MIXED_SHARE
-        if high + low >= MIN_LINE and is_mixed:
+        is_mixed = high / size >= LINE.mixed_share and low / size >= LINE.mixed_share
+        if high + low >= LINE.least and is_mixed:
             doubt_line(line, now, lines, context)
 
 
@@ -368,11 +383,13 @@ def doubt_even_lines(scan: KernelScan, context: FrontEndContext) -> None:
     count = 0
     for i in range(len(taxels)):
         count += scan.received[i] and scan.counts[i] - taxels[i].rest > taxels[i].band
-    if count < EVEN_SIZE:
+    if count < LINE.even_size:
         return
     for lines in (context.places.rows, context.places.columns):
         for line in range(len(lines.sizes)):
-            if lines.sizes[line] >= EVEN_SIZE and is_even(line, scan, lines, context):
+            if lines.sizes[line] < LINE.even_size:
+                continue
+            if is_even(line, scan, lines, context):
                 doubt_line(line, scan.now, lines, context)
 
 
@@ -391,7 +408,7 @@ def is_even(
         squares += above**2
     size = lines.sizes[line]
     mean = total / size
-    return squares / size <= (1.0 + EVEN_SPREAD**2) * mean**2
+    return squares / size <= (1.0 + LINE.even_spread**2) * mean**2
 
 
 @compiled
@@ -445,7 +462,7 @@ def spread_line_faults(
         counts[index[i]] += noisy[i]
     for line in range(len(counts)):
         count = counts[line]
-        if count < MIN_LINE or count / lines.sizes[line] <= LINE_SHARE:
+        if count < LINE.least or count / lines.sizes[line] <= LINE.share:
             continue
         for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
             if is_touched_beside(i, line, noisy, lines, context):
@@ -506,7 +523,7 @@ def has_offset(i: int, context: FrontEndContext) -> bool:
     parameters = context.faults
     seconds = taxel.last_nonzero - taxel.first_received
     is_above = taxel.least >= parameters.offset * context.full_scale
-    return seconds >= NOISE_SECONDS and is_above and taxel.least < np.inf
+    return seconds >= NOISE.seconds and is_above and taxel.least < np.inf
 
 
 @compiled
@@ -595,8 +612,8 @@ def update_codes(
         still &= 0 <= count < context.full_scale
         row = rows.group_index[i]
         column = columns.group_index[i]
-        lost = lost_rows[row] == rows.sizes[row] >= MIN_LINE
-        lost |= lost_columns[column] == columns.sizes[column] >= MIN_LINE
+        lost = lost_rows[row] == rows.sizes[row] >= LINE.least
+        lost |= lost_columns[column] == columns.sizes[column] >= LINE.least
         full = count >= context.full_scale and is_full_long(i, context)
         if is_known and still and count != 0:
             set_code(i, STUCK, taxel.last_changed, now, taxels)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Int
 
 from eskin.skin import Skin
 from eskin.touch.adjacency import TaxelGroups
-from eskin.touch.fault_kernels import MIN_LINE
+from eskin.touch.fault_kernels import LINE
 from eskin.touch.taxels import TaxelPlaces
 
 Flags = Bool[np.ndarray, "taxel"]
@@ -77,7 +77,7 @@ def list_faults(
         ("column", places.columns),
     )
     for kind, groups in lines:
-        is_lost = (groups.flagged_share(faulty) == 1.0) & (groups.sizes >= MIN_LINE)
+        is_lost = (groups.flagged_share(faulty) == 1.0) & (groups.sizes >= LINE.least)
         for n in np.flatnonzero(is_lost):
             patch = skin.patches[groups.patches[n]].id
             number = int(groups.numbers[n])

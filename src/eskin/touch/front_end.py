@@ -11,12 +11,7 @@ from eskin.compiled import pack
 from eskin.skin import Skin
 from eskin.touch.calibration import MAX_CONTACT, Calibration
 from eskin.touch.context import Crosstalk, FrontEndContext, KernelScan
-from eskin.touch.crosstalk_kernels import (
-    GHOST,
-    LEAK,
-    MIN_CROSSTALK_PRESSURE,
-    compensate,
-)
+from eskin.touch.crosstalk_kernels import CROSSTALK, GHOST, LEAK, compensate
 from eskin.touch.fault_kernels import (
     NOISY,
     FaultConfig,
@@ -26,12 +21,7 @@ from eskin.touch.fault_kernels import (
 )
 from eskin.touch.faults import Fault, list_faults
 from eskin.touch.known_rest import KnownRest
-from eskin.touch.noise_kernels import (
-    CLEAR_FACTOR,
-    MIN_NOISE,
-    MIN_NOISE_CONTACTS,
-    NOISE_SIGMAS,
-)
+from eskin.touch.noise_kernels import BAND
 from eskin.touch.outage_kernels import check_patches
 from eskin.touch.polarity import PolarityDetector
 from eskin.touch.reading import Reading, Scan, check_count
@@ -110,10 +100,10 @@ class FrontEnd:
         self.places = TaxelPlaces.build(skin)
         self.constants = build_constants(self.calibration)
         self.taxels = build_taxels(self.constants)
-        sigmas = NOISE_SIGMAS * self.constants["start_noise"]
+        sigmas = BAND.noise_sigmas * self.constants["start_noise"]
         self.taxels["noise_limit"] = np.maximum(sigmas, self.constants["least_noise"])
         self.taxels["band"] = self.constants["contact"] / 2.0
-        clear = CLEAR_FACTOR * self.taxels["noise_limit"]
+        clear = BAND.clear_factor * self.taxels["noise_limit"]
         self.taxels["margin"] = np.maximum(self.constants["clear"], clear)
         self.patches = build_patches(len(skin.patches))
         self.crosstalk = build_crosstalk(skin.count, self.places)
@@ -261,7 +251,7 @@ class FrontEnd:
     def compensate(self, pressure: Float[np.ndarray, "taxel"], valid: Flags) -> None:
         """Remove crosstalk from pressures [kPa], and learn from them how much it is."""
         is_matrix = self.calibration.matrix
-        if is_matrix and pressure.max() > MIN_CROSSTALK_PRESSURE:
+        if is_matrix and pressure.max() > CROSSTALK.min_pressure:
             pressure[~valid] = 0.0
             compensate(pressure, valid, self.context)
 
@@ -298,10 +288,12 @@ def build_constants(calibration: Calibration) -> np.ndarray:
     contact = calibration.compute_contact(on)
     constants["gain"] = calibration.gain
     constants["contact"] = contact
-    constants["clear"] = calibration.compute_counts(CLEAR_FACTOR * on)
-    constants["least_noise"] = np.clip(MIN_NOISE_CONTACTS * contact, *MIN_NOISE)
+    constants["clear"] = calibration.compute_counts(BAND.clear_factor * on)
+    constants["least_noise"] = np.clip(
+        BAND.least_contacts * contact, *BAND.least_counts
+    )
     if calibration.noise is not None:
-        most = MAX_CONTACT * calibration.full_scale / NOISE_SIGMAS
+        most = MAX_CONTACT * calibration.full_scale / BAND.noise_sigmas
         constants["start_noise"] = np.minimum(calibration.noise, most)
     return constants
 

@@ -6,6 +6,7 @@ neighbours along. All that a taxel does below rest is its own.
 
 # pyright: reportAttributeAccessIssue=false
 # Fields of records are known to numba only.
+from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,66 +19,102 @@ from eskin.touch.taxel_kernels import SHORTEST_PRESS, find_near, select
 Taxels = Int[np.ndarray, "some"]
 Flags = Bool[np.ndarray, "taxel"]
 
-NOISE_SECONDS = 1.0
-"""Time constant of the estimate of noise from scan to scan [s]. Noise that is not
-calibrated is learned for this time after the first data."""
-WANDER_SECONDS = 20.0
-"""Time constant of the estimate of wandering about rest [s]."""
-MOST_PART = 0.04
-"""Largest weight of one scan in the estimate of the noise; of wandering in
-proportion: no memory moves far by one scan, however long ago the last one was."""
-OUTLIER = 3.0
-"""Largest value that an estimate takes in as it is, in units of itself."""
-LEAST_OUTLIER = 0.5
-"""The same, in units of the counts at which contact begins, for small estimates."""
-BELOW_FACTOR = 5.0
-"""Factor of the weight by which the noise falls while a taxel is below rest: what
-pressed there when the skin was switched on has lifted, and its noise was that of a
-hand."""
 BEND_SIGMAS = 6.0**0.5
 """Standard deviation of the second difference of white noise, in units of its own."""
-MAX_GAP = 0.15
-"""Largest time between two scans whose counts are compared [s]."""
-MIN_NOISE = (2.0, 4.0)
-"""Limits of the smallest difference from rest that may be noise [counts]: converters
-round, and coarse ones would feel no light touch."""
-MIN_NOISE_CONTACTS = 2.0
-"""Smallest difference from rest that may be noise, in units of the counts at which
-contact begins, within these limits."""
-NOISE_SIGMAS = 6.0
-"""Signal that may be noise, in standard deviations of the noise from scan to scan."""
-WANDER_SIGMAS = 5.0
-"""Signal that may be noise, in standard deviations of wandering about rest."""
-WANDER_SHARE = 0.7
-"""Smallest wandering of a taxel, in units of the median of its patch: where rest was
-learned too low, none is seen below it."""
-CLEAR_FACTOR = 2.0
-"""Smallest signal that is clearly a touch, in units of what may be noise, and of the
-pressure at which contact begins."""
-MAX_BAND = 4.0
-"""Largest distance from rest that is left to noise, in units of the counts at which
-contact begins: a patch that swings further feels no touch."""
-MAX_WANDER_BAND = 1.5
-"""The same of wandering."""
-LEARN_SCANS = 40
-"""Number of scans from which noise is known well enough for a fault."""
-START_FLOOR = 7.0
-"""Pressure that may be noise while the noise is neither calibrated nor learned yet
-[kPa]."""
-NOISY_CONTACTS = 0.55
-"""Noise that makes a taxel a fault, in units of the counts at which contact begins, but
-at least what rounding converters may show of any sound taxel."""
-DOUBTFUL_SHARE = 0.5
-"""Share of that noise from which a taxel is doubtful: it may stop an arm, and nothing
-else."""
-NOISIER = 2.5
-"""Smallest ratio of the noise of such a taxel to the median of its patch."""
 FOLLOWS = 0.2
 """Smallest change that counts beside a step, in units of it: of a neighbour that takes
 part in it, or of counts that were flat after a lone rise. A rise of which noise hides
 such a change tells nothing."""
-FAULTY = 1.5
-"""Suspicion from which a taxel is a fault."""
+
+
+@final
+class NoiseEstimate(NamedTuple):
+    """The estimate of noise follows a taxel that nothing touches."""
+
+    seconds: float = 1.0
+    """Time constant of the estimate of noise from scan to scan [s]. Noise that is not
+    calibrated is learned for this time after the first data."""
+    wander_seconds: float = 20.0
+    """Time constant of the estimate of wandering about rest [s]."""
+    most_part: float = 0.04
+    """Largest weight of one scan in the estimate of the noise; of wandering in
+    proportion: no memory moves far by one scan, however long ago the last one was."""
+    outlier: float = 3.0
+    """Largest value that an estimate takes in as it is, in units of itself."""
+    least_outlier: float = 0.5
+    """The same, in units of the counts at which contact begins, for small estimates."""
+    below_factor: float = 5.0
+    """Factor of the weight by which the noise falls while a taxel is below rest: what
+    pressed there when the skin was switched on has lifted, and its noise was that of a
+    hand."""
+    max_gap: float = 0.15
+    """Largest time between two scans whose counts are compared [s]."""
+
+
+@final
+class NoiseBand(NamedTuple):
+    """The band about rest holds what may be noise; its limits follow the estimates."""
+
+    least_counts: tuple[float, float] = (2.0, 4.0)
+    """Limits of the smallest difference from rest that may be noise [counts]:
+    converters round, and coarse ones would feel no light touch."""
+    least_contacts: float = 2.0
+    """Smallest difference from rest that may be noise, in units of the counts at which
+    contact begins, within these limits."""
+    noise_sigmas: float = 6.0
+    """Signal that may be noise, in standard deviations of the noise from scan to
+    scan."""
+    wander_sigmas: float = 5.0
+    """Signal that may be noise, in standard deviations of wandering about rest."""
+    wander_share: float = 0.7
+    """Smallest wandering of a taxel, in units of the median of its patch: where rest
+    was learned too low, none is seen below it."""
+    most_contacts: float = 4.0
+    """Largest distance from rest that is left to noise, in units of the counts at which
+    contact begins: a patch that swings further feels no touch."""
+    most_wander_contacts: float = 1.5
+    """Largest distance from rest that is left to wandering, in the same units."""
+    clear_factor: float = 2.0
+    """Smallest signal that is clearly a touch, in units of what may be noise, and of
+    the pressure at which contact begins."""
+    start_floor: float = 7.0
+    """Pressure that may be noise while the noise is neither calibrated nor learned yet
+    [kPa]."""
+
+
+@final
+class NoisyTaxel(NamedTuple):
+    """A taxel is faulty or doubtful whose noise is large and above that of others."""
+
+    learn_scans: int = 40
+    """Number of scans from which noise is known well enough for a fault."""
+    contacts: float = 0.55
+    """Noise that makes a taxel a fault, in units of the counts at which contact begins,
+    but at least what rounding converters may show of any sound taxel."""
+    doubtful_share: float = 0.5
+    """Share of that noise from which a taxel is doubtful: it may stop an arm, and
+    nothing else."""
+    ratio: float = 2.5
+    """Smallest ratio of its noise to the median of its patch."""
+
+
+@final
+class Suspicion(NamedTuple):
+    """Suspicion of a fault gathers with what no touch does, and fades."""
+
+    fade_seconds: float = 10.0
+    """Time constant with which it fades [s]."""
+    most: float = 2.0
+    """Largest suspicion, as of a lone step after which a taxel stays flat; a lone step
+    that lasts two scans, or is gone after one, counts for one."""
+    faulty: float = 1.5
+    """Suspicion from which a taxel is a fault."""
+
+
+NOISE = NoiseEstimate()
+BAND = NoiseBand()
+NOISY_TAXEL = NoisyTaxel()
+SUSPICION = Suspicion()
 
 
 @compiled(error_model="numpy")
@@ -97,8 +134,8 @@ def follow_noise(scan: KernelScan, context: FrontEndContext) -> int:
     constants = context.constants
     now = scan.now
     elapsed = scan.elapsed
-    fast = min(elapsed / NOISE_SECONDS, MOST_PART)
-    slow = fast * NOISE_SECONDS / WANDER_SECONDS
+    fast = min(elapsed / NOISE.seconds, NOISE.most_part)
+    slow = fast * NOISE.seconds / NOISE.wander_seconds
     is_fast = 2.0 * elapsed <= SHORTEST_PRESS
     dip_share = context.rest.dip_share
     low = 0
@@ -107,7 +144,7 @@ def follow_noise(scan: KernelScan, context: FrontEndContext) -> int:
         taxel.fourth = taxel.third
         taxel.third = taxel.second
         taxel.second = taxel.first
-        if elapsed > MAX_GAP:
+        if elapsed > NOISE.max_gap:
             taxel.second = np.nan
         is_known = scan.received[i] and scan.counts[i] >= 0
         taxel.first = scan.counts[i] if is_known else np.nan
@@ -117,12 +154,12 @@ def follow_noise(scan: KernelScan, context: FrontEndContext) -> int:
         taxel = taxels[i]
         contact = constants[i].contact
         rest = taxel.rest
-        limit = LEAST_OUTLIER * contact
+        limit = NOISE.least_outlier * contact
         above = taxel.first - rest
         since = now - taxel.first_received
         bend = taxel.first - 2.0 * taxel.second + taxel.third
         learns = constants[i].start_noise == 0.0
-        starts = learns and since < NOISE_SECONDS
+        starts = learns and since < NOISE.seconds
         seen = abs(bend) / BEND_SIGMAS
         calms = seen < taxel.noise and taxel.noise > limit
         rests = max(taxel.first, taxel.third) - rest <= taxel.band
@@ -133,7 +170,7 @@ def follow_noise(scan: KernelScan, context: FrontEndContext) -> int:
         if starts or rests or calms or (is_fast and scan.faulty[i]):
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -contact and seen < taxel.noise and is_lifted(i, context):
-                part = min(BELOW_FACTOR * part, 1.0)
+                part = min(NOISE.below_factor * part, 1.0)
             taxel.noise = follow(taxel.noise, seen, limit, part)
         if above < 0.0:
             low += above < -taxel.band
@@ -149,7 +186,7 @@ def follow(estimate: float, seen: float, limit: float, part: float) -> float:
     """Return a root mean square after one more value; NaN is none."""
     if not seen >= 0.0:
         return estimate
-    seen = min(seen, max(OUTLIER * estimate, limit))
+    seen = min(seen, max(NOISE.outlier * estimate, limit))
     return np.sqrt(estimate**2 + part * (seen**2 - estimate**2))
 
 
@@ -215,7 +252,7 @@ def limit_noise(
     curve = context.curve
     usual = find_usual(context)
     patch_index = context.places.patches.group_index
-    learnt = max(NOISE_SECONDS, LEARN_SCANS * scan.elapsed)
+    learnt = max(NOISE.seconds, NOISY_TAXEL.learn_scans * scan.elapsed)
     for i in range(len(taxels)):
         taxel = taxels[i]
         contact = constants[i].contact
@@ -223,26 +260,26 @@ def limit_noise(
         patch = patch_index[i]
         noise = taxel.noise
         since = scan.now - taxel.first_received
-        share = noise / max(NOISY_CONTACTS * contact, least)
-        is_noisier = noise >= NOISIER * usual[0, patch]
+        share = noise / max(NOISY_TAXEL.contacts * contact, least)
+        is_noisier = noise >= NOISY_TAXEL.ratio * usual[0, patch]
         noisy[i] = since >= learnt and share >= 1.0 and is_noisier
-        noisy[i] |= taxel.suspicion >= FAULTY
-        restless = since >= learnt / 2.0 and share >= DOUBTFUL_SHARE
+        noisy[i] |= taxel.suspicion >= SUSPICION.faulty
+        restless = since >= learnt / 2.0 and share >= NOISY_TAXEL.doubtful_share
         restless &= is_noisier
         if noisy[i] or restless:
             taxel.last_doubted = scan.now
-        fast = max(NOISE_SIGMAS * noise, least)
-        wander = max(taxel.wander / contact, WANDER_SHARE * usual[1, patch])
-        slow = WANDER_SIGMAS * wander * contact
+        fast = max(BAND.noise_sigmas * noise, least)
+        wander = max(taxel.wander / contact, BAND.wander_share * usual[1, patch])
+        slow = BAND.wander_sigmas * wander * contact
         taxel.noise_limit = max(fast, slow)
-        band = max(fast, min(slow, MAX_WANDER_BAND * contact), contact / 2.0)
-        taxel.band = min(band, MAX_BAND * contact)
-        clear = CLEAR_FACTOR * taxel.noise_limit
+        band = max(fast, min(slow, BAND.most_wander_contacts * contact), contact / 2.0)
+        taxel.band = min(band, BAND.most_contacts * contact)
+        clear = BAND.clear_factor * taxel.noise_limit
         taxel.margin = max(constants[i].clear, clear)
         floor = linearise_counts(taxel.noise_limit, curve) * constants[i].gain
         floor = add_unfelt(floor, curve)
-        if since < NOISE_SECONDS and constants[i].start_noise == 0.0:
-            floor = max(floor, START_FLOOR)
+        if since < NOISE.seconds and constants[i].start_noise == 0.0:
+            floor = max(floor, BAND.start_floor)
         taxel.floor = floor
         # Most taxels fail at this, before the context is handed over.
         is_low = taxel.first < taxel.rest - contact

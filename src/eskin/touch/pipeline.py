@@ -30,7 +30,7 @@ from eskin.touch.contact_kernels import (
 )
 from eskin.touch.faults import Fault
 from eskin.touch.front_end import FrontEnd
-from eskin.touch.noise_kernels import CLEAR_FACTOR
+from eskin.touch.noise_kernels import BAND
 from eskin.touch.reading import Reading, Scan, check_count
 from eskin.touch.records import (
     NO_TOUCHES,
@@ -356,7 +356,7 @@ class TouchPipeline:
         if self.reading is None or not len(pressed):
             return pressed
         floor = self.front_end.floor[pressed]
-        return pressed[self.reading.pressure[pressed] >= CLEAR_FACTOR * floor]
+        return pressed[self.reading.pressure[pressed] >= BAND.clear_factor * floor]
 
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()

@@ -1,13 +1,13 @@
 """This module finds out whether counts rise under pressure, as they are taken to."""
 
 from dataclasses import dataclass, field
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
-from eskin.touch.fault_kernels import MIN_LINE
+from eskin.touch.fault_kernels import LINE
 from eskin.touch.faults import Fault, FaultKind
 from eskin.touch.outage_kernels import MAX_PRESSED
 from eskin.touch.reading import Scan
@@ -17,30 +17,38 @@ from eskin.units import NS_PER_S
 Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
 
-PERIOD = 0.045
-"""Shortest time between two scans that are looked at [s]."""
-TRACK_SECONDS = 2.0
-"""Time constant of tracking the level of untouched taxels [s]."""
-LONGEST = 10.0
-"""Time after which counts that have moved away are not expected to return [s]."""
-RETURNED = 0.2
-"""Share of the greatest move below which counts have returned."""
-ONE_WAY = 4.0
-"""Least ratio of the counts that move one way to those that move the other way."""
-WHOLE = 0.9
-"""Share of the taxels of a patch that moves as a whole, which one of up to
-`MAX_PRESSED` taxels may do under a hand."""
-END = 0.01
-"""Distance from either end of the scale, as a share of it, at which a taxel may be one
-whose line is lost."""
-BESIDE = 0.25
-"""Share of the counts from which a taxel may be touched by which another one moves the
-same way under a finger."""
-LEAST_OTHERS = 3
-"""Number of unmoved taxels of a patch whose median tells how it is at rest."""
-ENOUGH = 2
-"""Number of touches under which counts rise, more than under which they fall, from
-which nothing is doubted any more."""
+
+@final
+class PolarityRule(NamedTuple):
+    """The rule tells a touch from other moves of counts, and when enough is known."""
+
+    period: float = 0.045
+    """Shortest time between two scans that are looked at [s]."""
+    track_seconds: float = 2.0
+    """Time constant of tracking the level of untouched taxels [s]."""
+    longest: float = 10.0
+    """Time after which counts that have moved away are not expected to return [s]."""
+    returned: float = 0.2
+    """Share of the greatest move below which counts have returned."""
+    one_way: float = 4.0
+    """Least ratio of the counts that move one way to those that move the other way."""
+    whole: float = 0.9
+    """Share of the taxels of a patch that moves as a whole, which one of up to
+    `MAX_PRESSED` taxels may do under a hand."""
+    end: float = 0.01
+    """Distance from either end of the scale, as a share of it, at which a taxel may be
+    one whose line is lost."""
+    beside: float = 0.25
+    """Share of the counts from which a taxel may be touched by which another one moves
+    the same way under a finger."""
+    least_others: int = 3
+    """Number of unmoved taxels of a patch whose median tells how it is at rest."""
+    enough: int = 2
+    """Number of touches under which counts rise, more than under which they fall, from
+    which nothing is doubted any more."""
+
+
+RULE = PolarityRule()
 
 
 @dataclass
@@ -113,7 +121,7 @@ class PolarityDetector:
             mask: taxels that are faulty.
         """
         elapsed = instant.now - self.last
-        if self.risen >= ENOUGH or elapsed < PERIOD:
+        if self.risen >= RULE.enough or elapsed < RULE.period:
             return self.faults
         self.last = instant.now
         # A press the wrong way looks like a fault, which must not hide the rest of it.
@@ -128,7 +136,7 @@ class PolarityDetector:
         self.level[new] = scan.counts[new]
         away = scan.counts - self.level
         moved = use & (np.abs(away) > margin)
-        step = 1.0 - np.exp(-elapsed / TRACK_SECONDS)
+        step = 1.0 - np.exp(-elapsed / RULE.track_seconds)
         self.level += np.where(use & ~moved, step * away, 0.0)
         if self.moves or moved.any():
             for patch, members in enumerate(self.members):
@@ -162,17 +170,19 @@ class PolarityDetector:
             far = -far if sums[0] > sums[1] else far
             move.taxels = own[far > least]
             move.counts = scan.counts[move.taxels].astype(np.float64)
-            move.is_alone = bool(np.count_nonzero(far > BESIDE * least) == 1 < len(own))
+            move.is_alone = bool(
+                np.count_nonzero(far > RULE.beside * least) == 1 < len(own)
+            )
         move.scans += bool(sums.any())
         move.most = np.maximum(move.most, sums)
         if not np.isin(move.taxels, own).all():
             # Nobody knows where a taxel without data is.
             del self.moves[patch]
-        elif sums.sum() <= RETURNED * move.most.max():
+        elif sums.sum() <= RULE.returned * move.most.max():
             del self.moves[patch]
             if self.is_touch(move, own):
                 self.count(patch, move)
-        elif scan.stamp - move.since > LONGEST * NS_PER_S:
+        elif scan.stamp - move.since > RULE.longest * NS_PER_S:
             del self.moves[patch]
             self.level[own] = scan.counts[own]
 
@@ -181,28 +191,28 @@ class PolarityDetector:
         taxels = move.taxels
         counts = move.counts
         before = self.level[taxels]
-        is_whole = len(taxels) >= WHOLE * len(own)
+        is_whole = len(taxels) >= RULE.whole * len(own)
         for numbers in (self.skin.rows, self.skin.columns):
             line = own[numbers[own] == numbers[taxels[0]]]
-            is_line = len(own) > len(line) >= MIN_LINE
+            is_line = len(own) > len(line) >= LINE.least
             if (
                 is_line
-                and len(taxels) >= WHOLE * len(line)
+                and len(taxels) >= RULE.whole * len(line)
                 and np.isin(taxels, line).all()
             ):
                 return False
         if (
             move.scans < 2
-            or move.most.max() < ONE_WAY * move.most.min()
+            or move.most.max() < RULE.one_way * move.most.min()
             or (np.abs(counts - before) < self.least[taxels]).all()
             or (is_whole and len(own) > MAX_PRESSED)
         ):
             return False
-        end = END * self.full_scale
+        end = RULE.end * self.full_scale
         if ((counts <= end) | (counts >= self.full_scale - end)).all():
             return False
         others = np.setdiff1d(own, taxels)
-        if len(others) < LEAST_OTHERS:
+        if len(others) < RULE.least_others:
             return True
         usual = np.median(self.level[others])
         return bool(abs(counts.mean() - usual) > abs(before.mean() - usual))

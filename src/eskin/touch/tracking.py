@@ -9,8 +9,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.touch.contact_kernels import CLEAR_PRESS, PA_PER_KPA
-from eskin.touch.fault_kernels import MAX_STEP_INTERVAL
+from eskin.touch.contact_kernels import PA_PER_KPA, PRESS_END
+from eskin.touch.fault_kernels import LONE_STEP
 from eskin.touch.records import (
     FINGERTIP,
     NO_INDEX,
@@ -28,7 +28,7 @@ from eskin.touch.rest_kernels import LOW_SECONDS
 from eskin.units import NS_PER_S
 
 UM_PER_M = 1e6
-SLOW_NS = round(MAX_STEP_INTERVAL * NS_PER_S)
+SLOW_NS = round(LONE_STEP.max_interval * NS_PER_S)
 """Time between two readings from which a touch may last for one of them [ns]."""
 FADE_SECONDS = 2.0
 """Time constant with which the evidence of a track fades [s]: what has given none for
@@ -545,7 +545,7 @@ class TouchGrouper:
         if len(others):
             smooth = self.smooth[others]
             is_held = smooth >= HELD_SHARE * self.strongest[others]
-            clear = smooth >= CLEAR_PRESS * self.parameters.off
+            clear = smooth >= PRESS_END.clear_press * self.parameters.off
             taxels = others[is_held & ((self.owner[others] > 0) | clear)]
             self.find_owners(taxels)
         for touch in self.touches.values():
