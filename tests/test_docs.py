@@ -15,6 +15,7 @@ import tyro
 
 import eskin
 from eskin.cli.main import load_command, parse, run, split_command
+from eskin.registry import EXPORTERS, RECOGNISERS
 from helpers.learning import record_people
 
 pytestmark = pytest.mark.slow
@@ -38,6 +39,14 @@ PART = re.compile(
     r"Required options|arguments are required"
 )
 """What is said of a command of which a sentence names only a part."""
+NAME = re.compile(r"`((?:eskin|eskin_paper_network|lab)(?:\.\w+)+)`")
+"""A module, or something in one."""
+GROUPS = {EXPORTERS, RECOGNISERS}
+"""Names of groups of entry points that are no modules."""
+SOURCE = re.compile(r"`([\w.-]+(?:/[\w.-]+)+\.(?:c|h|ino|ipynb|md|py|toml|yaml))`")
+"""A file in a folder, other than those that commands write."""
+PLACES = (ROOT, ROOT / "src" / "eskin", ROOT / "src" / "eskin" / "sim")
+"""Folders in which pages name files; a table of the simulator is about the last."""
 
 
 GENERATE = "eskin generate OUT --clips 20"
@@ -64,10 +73,15 @@ def find_lines():
     return list(lines)
 
 
+def find_names(pattern):
+    """Return the names in sentences and tables that match a pattern, once each."""
+    prose = "\n".join(BLOCK.sub("", page.read_text()) for page in PAGES)
+    return set(pattern.findall(prose))
+
+
 def find_spans():
     """Return the commands that stand in sentences and tables, once each."""
-    prose = "\n".join(BLOCK.sub("", page.read_text()) for page in PAGES)
-    spans = (" ".join(MARKS.sub("", span).split()) for span in SPAN.findall(prose))
+    spans = (" ".join(MARKS.sub("", span).split()) for span in find_names(SPAN))
     return sorted({NUMBER.sub("1", span) for span in spans} - set(find_lines()))
 
 
@@ -90,11 +104,8 @@ def check_command(line, monkeypatch):
 
 def check_benchmark(module, words, monkeypatch):
     """Let a module parse its arguments; one that takes none must get none."""
-    spec = importlib.util.find_spec(module)
-    if spec is not None and spec.submodule_search_locations is not None:
-        spec = importlib.util.find_spec(f"{module}.__main__")
-    assert spec is not None and spec.origin is not None
-    text = Path(spec.origin).read_text()
+    program = find_program(module)
+    text = program.read_text()
     if not re.search("tyro.cli|parse_args|sys.argv|run_p", text):
         assert words == []
         return
@@ -103,7 +114,16 @@ def check_benchmark(module, words, monkeypatch):
     monkeypatch.setattr(parser, "parse_args", stop_after(parser.parse_args))
     monkeypatch.setattr(sys, "argv", [module, *words])
     with pytest.raises(Accepted):
-        runpy.run_path(spec.origin, run_name="__main__")
+        runpy.run_path(str(program), run_name="__main__")
+
+
+def find_program(module):
+    """Return the file of a program that `python -m` runs."""
+    spec = importlib.util.find_spec(module)
+    if spec is not None and spec.submodule_search_locations is not None:
+        spec = importlib.util.find_spec(f"{module}.__main__")
+    assert spec is not None and spec.origin is not None, module
+    return Path(spec.origin)
 
 
 def stop_after(function):
@@ -128,6 +148,29 @@ def test_commands_in_sentences_have_only_options_that_exist(span, monkeypatch, c
     except (ValueError, SystemExit) as stop:
         said = f"{stop} {capsys.readouterr().err}"
         assert PART.search(said), said
+
+
+def resolve(name):
+    """Return what a dotted name stands for: a module, or something in one."""
+    module, *rest = name.split(".")
+    found = importlib.import_module(module)
+    while rest:
+        part = rest.pop(0)
+        module = f"{module}.{part}"
+        if not hasattr(found, part) and importlib.util.find_spec(module):
+            importlib.import_module(module)
+        found = getattr(found, part)
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(find_names(NAME) - GROUPS))
+def test_every_module_and_function_that_a_page_names_exists(name):
+    resolve(name)
+
+
+@pytest.mark.parametrize("path", sorted(find_names(SOURCE)))
+def test_every_file_of_the_repository_that_a_page_names_exists(path):
+    assert any((place / path).is_file() for place in PLACES)
 
 
 def find_code():

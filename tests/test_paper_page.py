@@ -1,10 +1,9 @@
 """Tests of the page that leads from the paper to its places here.
 
-Commands of the page are given to their programs by `test_docs.py`, as of all pages.
+The commands, functions, modules and files that it names are checked by `test_docs.py`,
+as are those of all pages.
 """
 
-import importlib
-import importlib.util
 import re
 from itertools import combinations_with_replacement
 from pathlib import Path
@@ -16,6 +15,7 @@ from conftest import SHARED
 from eskin.live import FixedNeighbours
 from eskin.skin import load_skin
 from lab.comparison.methods import METHODS
+from test_docs import find_program, resolve
 
 pytestmark = pytest.mark.slow
 
@@ -83,28 +83,6 @@ def find_spans(pattern, text=PAGE):
     return sorted({span for span in SPAN.findall(text) if pattern.fullmatch(span)})
 
 
-def resolve(name):
-    """Return what a dotted name stands for: a module, or something in one."""
-    module, *rest = name.split(".")
-    found = importlib.import_module(module)
-    while rest:
-        part = rest.pop(0)
-        module = f"{module}.{part}"
-        if not hasattr(found, part) and importlib.util.find_spec(module):
-            importlib.import_module(module)
-        found = getattr(found, part)
-    return found
-
-
-def find_program(module):
-    """Return the file of a program that `python -m` runs."""
-    spec = importlib.util.find_spec(module)
-    if spec is not None and spec.submodule_search_locations is not None:
-        spec = importlib.util.find_spec(f"{module}.__main__")
-    assert spec is not None and spec.origin is not None, module
-    return Path(spec.origin)
-
-
 def is_named(label, text):
     """Tell whether a text has a printed number, which is not the start of another."""
     return re.search(rf"(?<![\w-]){re.escape(label)}(?![\w-])", text) is not None
@@ -160,21 +138,6 @@ def test_every_row_has_a_place_and_a_verdict(row):
     assert len(row) == 4
     assert any(f"`{verdict}`" in row[3] for verdict in VERDICTS)
     assert SPAN.search(row[2]) or "](" in row[2] or "Fig. 3" in row[2]
-
-
-@pytest.mark.parametrize("name", find_spans(NAME))
-def test_every_function_and_module_that_the_page_names_exists(name):
-    resolve(name)
-
-
-@pytest.mark.parametrize("path", find_spans(FILE))
-def test_every_file_that_the_page_names_exists(path):
-    assert (ROOT / path).is_file()
-
-
-@pytest.mark.parametrize("module", sorted(set(PROGRAM.findall(PAGE))))
-def test_every_program_that_the_page_names_exists(module):
-    assert find_program(module).is_file()
 
 
 def test_every_method_of_table_i_is_one_that_can_be_compared():
