@@ -128,7 +128,7 @@ def test_map_of_before_by_which_things_start_the_arm_is_refused_with_a_remedy():
     recording = read_recording(RECORDING)
     vocabulary = load_model(MODEL).card.vocabulary
     with pytest.raises(CommandError, match=r"commands\[1\].*'gesture: grab'"):
-        load_commands(COMMANDS, vocabulary, recording.skin, imports=True)
+        load_commands(COMMANDS, vocabulary, recording.skin)
 
 
 def test_every_key_of_a_rule_is_in_the_map():

@@ -344,7 +344,6 @@ def test_demo_opens_its_link_once_where_a_person_sees_it(
         ("--headless --pause -1 1", "--pause is -1 1"),
         ("--headless --pause 1 inf", "--pause is 1 inf"),
         ("--headless --seconds 0", "--seconds is 0"),
-        ("--headless --import-functions", "without --commands"),
     ],
 )
 def test_invalid_option_is_refused_in_one_line(words, part, capsys):

@@ -73,10 +73,6 @@ class RunCommand(SourceCommand):
     """Command map, which tells what each touch commands: a file, or `paper` for that of
     the paper on a simulated arm; by default the one that comes with eskin."""
 
-    import_functions: Annotated[bool, Needs("commands")] = False
-    """Import the functions `module:function` of the command map from its folder, which
-    runs the code there."""
-
     record: Path | None = None
     """Path of a recording of scans, detections and events."""
 
@@ -389,7 +385,6 @@ def build_policy(
         command.commands,
         vocabulary,
         skin,
-        imports=command.import_functions,
         simulated=not commands_real_robot(command),
     )
     if not any(commands.find_stops(vocabulary, patch) for patch in skin.patches):

@@ -1,19 +1,13 @@
 """This module defines the actions that a touch can command, and what each one needs.
 
-A command map names functions that Python code registers, or that are imported from
-files beside the map.
+A command map names functions that the program registers.
 """
 
-import importlib.util
-import re
 from collections.abc import Callable
-from pathlib import Path
 from threading import Thread
-from types import ModuleType
-from typing import Literal, cast, final, get_args
+from typing import Literal, final, get_args
 
 from eskin.command.arm import Arm, ArmState, Problem
-from eskin.errors import CommandError
 from eskin.live import Detection
 
 Action = Literal[
@@ -112,10 +106,6 @@ class FunctionCall:
         return not self.thread.is_alive()
 
 
-FUNCTION_NAME = re.compile(r"([A-Za-z_]\w*):([A-Za-z_]\w*)", re.ASCII)
-"""A function of a module beside the map: `module:function`."""
-
-
 def resolve_action(action: str, state: ArmState) -> str:
     """Return the plain action that a toggle means in a state of the arm."""
     match action:
@@ -178,59 +168,3 @@ def command_function(name: str) -> Callable[[CommandFunction], CommandFunction]:
         return function
 
     return register
-
-
-def import_functions(names: list[str], folder: Path) -> None:
-    """Import functions `module:function`, and register each under that name.
-
-    Other names, and those that are registered already, are left alone. The code of the
-    modules runs.
-
-    Args:
-        names: names of functions.
-        folder: folder that each `module.py` lies in; modules elsewhere are not found.
-
-    Raises:
-        CommandError: a module is missing or fails, or has no such function.
-    """
-    modules: dict[str, ModuleType] = {}
-    for name in names:
-        match = FUNCTION_NAME.fullmatch(name)
-        if match is None or name in COMMAND_FUNCTIONS:
-            continue
-        stem, function = match.groups()
-        path = folder / f"{stem}.py"
-        if stem not in modules:
-            modules[stem] = import_module(path)
-        found = getattr(modules[stem], function, None)
-        if not callable(found):
-            raise CommandError(
-                f"{path}: got no function '{function}', allowed is one that is called "
-                "with the arm and the detection; define it, or correct the map"
-            )
-        COMMAND_FUNCTIONS[name] = cast(CommandFunction, found)
-
-
-def import_module(path: Path) -> ModuleType:
-    """Import the module in a file.
-
-    Raises:
-        CommandError: there is no such file, or its code fails.
-    """
-    if not path.is_file():
-        raise CommandError(
-            f"{path}: got no file, allowed is a Python module beside the map; add it, "
-            "or correct the map"
-        )
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        text = " ".join(str(error).split())
-        raise CommandError(
-            f"{path}: {type(error).__name__}: {text}; allowed is a module that can be "
-            "imported; correct it"
-        ) from error
-    return module

@@ -13,14 +13,12 @@ from eskin.command.actions import (
     ADVANCING_ACTIONS,
     COMMAND_FUNCTIONS,
     FUNCTION,
-    FUNCTION_NAME,
     HALTING_ACTIONS,
     MIN_CONFIDENCE,
     OWN_CONFIDENCE,
     THING_GESTURES,
     TOGGLES,
     Action,
-    import_functions,
     needs_answer,
 )
 from eskin.errors import CommandError
@@ -232,8 +230,8 @@ class CommandMap(BaseModel):
                 if value is not None and value not in allowed:
                     names = ", ".join(allowed) or "none"
                     remedy = ""
-                    if key == "function" and FUNCTION_NAME.fullmatch(value):
-                        remedy = "; its module is imported with --import-functions"
+                    if key == "function":
+                        remedy = "; register it with eskin.command.command_function"
                     found.append(
                         f"{where}.{key}: got {shorten(value)}, allowed {names}{remedy}"
                     )
@@ -296,7 +294,6 @@ def load_commands(
     path: Path | str | None,
     vocabulary: tuple[str, ...],
     skin: Skin,
-    imports: bool = False,
     simulated: bool = False,
 ) -> CommandMap:
     """Read a command map, and compare it to model, skin and arm.
@@ -306,8 +303,6 @@ def load_commands(
             that come with eskin lose rules whose gesture the model does not know.
         vocabulary: gestures that the model knows.
         skin: the skin whose links and patches may be named.
-        imports: whether functions `module:function` are imported from the folder of
-            the map, which runs the code there.
         simulated: whether the arm is simulated, and no person can be near it.
 
     Raises:
@@ -319,9 +314,6 @@ def load_commands(
         check_real(commands, path)
     if find_shipped_map(path) is not None:
         commands = commands.select_rules(vocabulary)
-    elif imports:
-        names = [rule.function for rule in commands.commands if rule.function]
-        import_functions(names, Path(str(path)).parent)
     problems = commands.find_problems(vocabulary, skin)
     if problems:
         raise CommandError(f"{format_path(path)}: {'; '.join(problems)}")

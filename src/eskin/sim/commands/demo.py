@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from eskin.cli.checks import POSITIVE, Needs
+from eskin.cli.checks import POSITIVE
 from eskin.errors import DeviceError
 from eskin.registry import find_mujoco
 from eskin.sim.commands.untouched import print_untouched
@@ -66,10 +66,6 @@ class DemoCommand:
     `examples/jog.yaml`, or `paper` for that of the paper; by default the one that comes
     with eskin."""
 
-    import_functions: Annotated[bool, Needs("commands")] = False
-    """Import the functions `module:function` of the command map from its folder, which
-    runs the code there."""
-
     dynamics: bool = False
     """Simulate the arm's masses, joint servos and torque limits in MuJoCo (extra
     `sim`): it lags, yields to the hand, and makes a protective stop when it is pushed
@@ -95,7 +91,6 @@ def run(command: DemoCommand) -> dict[str, object]:
         commands=command.commands,
         build_kind=command.build or ("fresh" if command.headless else "flawless"),
         seed=command.seed,
-        imports=command.import_functions,
         dynamics=command.dynamics,
         robot=command.robot_urdf,
         user=SimulatedUserConfig(pause=command.pause),

@@ -333,7 +333,6 @@ def run_demo(
                 config.commands,
                 words,
                 skin.mounted.skin,
-                imports=config.imports,
                 simulated=True,
             )
             # Time waits for the policy, so nothing needs to watch its readings.

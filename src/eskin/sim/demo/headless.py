@@ -35,8 +35,6 @@ class DemoConfig:
     """Name of weights that come with eskin, or a model file."""
     commands: Path | None = None
     """Path of a command map, or `paper`; the default map unless given."""
-    imports: bool = False
-    """Whether functions of that map are imported from its folder."""
     build_kind: BuildKind = "fresh"
     """Sensors as in training, `shifted` ones of wider distributions, or those of a
     family."""
@@ -181,7 +179,6 @@ def run_build(
         config.commands,
         vocabulary,
         skin.mounted.skin,
-        imports=config.imports,
         simulated=True,
     )
     policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
