@@ -195,7 +195,49 @@ PATCH = "- {id: p%d, link: table, address: %d, rows: 1, columns: 1}\n"
 PATCHES = "name: a\npatches:\n" + "".join(PATCH % (n, n) for n in range(1500))
 OUTSIDE = "../" * 20 + "etc/passwd"
 
+CHANGES: tuple[tuple[str, str, str], ...] = (
+    ("name: small", "name: !!bool 1", "line 2, column 7"),
+    ("name: small", "name: !!int ''", "''"),
+    ("name: small", "name: !!timestamp a", "'a'"),
+    ("name: small", "name: !!float a", "'a'"),
+    ("name: small", "name: 2001-99-99", "'2001-99-99'"),
+    ("name: small", "name: " + "9" * 5000, "int"),
+    ("name: small", "? [a]\n: b\nname: small", "key"),
+    ("name: small", "? {a: b}\n: b\nname: small", "key"),
+    ("name: small", '"a\\nb": 1\nname: small', r"'a\nb'"),
+    ("name: small", 'name: "a\\vb"', r"name: got 'a\x0bb'"),
+    ("name: small", 'name: "a\\u2028b"', r"name: got 'a\u2028b'"),
+    ("name: small", 'name: "\\U99999999"', "YAML"),
+    ("name: small", 'name: "\\UFFFFFFFF"', "YAML"),
+    ("name: small", 'name: "\\ud800"', "name: got"),
+    ("name: small", '"\\ud800": 1', "skin.yaml: "),
+    ("name: small", "%YAML " + "9" * 5000 + ".1\n---\nname: small", "YAML"),
+    ("name: small", "name: " + "[" * 100_000, "20 nested collections"),
+    ("name: small", "name: !!python/object/apply:os.getcwd []", "YAML"),
+    (",100,", ",1e999999999,", "area_mm2: got '1e999999999'"),
+    (",100,", ",sNaN,", "area_mm2: got 'sNaN'"),
+    (",1.0,100", ",1e200,100", "normal has length inf"),
+    ("0,grid", "0,gr\x0bid\u2028", "taxel 0"),
+    ("0,grid", '0,"' + "a" * 140_000, "field"),
+)
+"""Changes of the texts of a small skin that broke its reader once: a text, what takes
+its first place, and a part of the message."""
+
+
+def write_changed_skin(old: str, new: str) -> Write:
+    """Return a function that writes a small skin with a text replaced once."""
+
+    def change(text: str) -> str:
+        return text.replace(old, new, 1)
+
+    return write_skin(change, change)
+
+
 SKINS: dict[str, Write] = {
+    **{
+        f"{old} as {ascii(new):.40}": write_changed_skin(old, new)
+        for old, new, _ in CHANGES
+    },
     **{
         f"skin.yaml with {name}": write_skin(manifest=lambda _, text=text: text)
         for name, text in YAML.items()

@@ -21,15 +21,17 @@ from eskin.recording import load_ranges, read_recording
 from eskin.recording.reader import parse_shared_skin
 from eskin.robot import load_robot
 from eskin.sets import convert_sleeve
-from eskin.skin import MountedSkin, load_skin
+from eskin.skin import MountedSkin, load_skin, skin_from_bytes, skin_to_bytes
 from eskin.touch import TouchPipeline
 from lab.attacks.files import FILES, NAMES
 from lab.attacks.hostile_recordings import build_skin_writer
 from lab.attacks.hostile_texts import (
+    CHANGES,
     SMALL,
     squeeze_taxels,
     stack_taxels,
     write_card,
+    write_changed_skin,
 )
 from lab.fuzz.robots import load_robot_whole
 
@@ -100,6 +102,24 @@ def test_hostile_file_is_refused_in_one_line(tmp_path, monkeypatch, kind, write)
         read(path)
     assert len(str(caught.value).splitlines()) == 1
     assert len(str(caught.value)) < 2000
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"), CHANGES, ids=lambda value: ascii(value)[:30]
+)
+def test_changed_skin_is_refused_alike_in_folder_and_recording(
+    tmp_path, old, new, part
+):
+    write_changed_skin(old, new)(tmp_path)
+    whole = skin_to_bytes(SMALL).decode()
+    assert whole.count(old)
+    with pytest.raises(SkinError) as in_recording:
+        skin_from_bytes(whole.replace(old, new, 1).encode())
+    with pytest.raises(SkinError) as in_folder:
+        load_skin(tmp_path)
+    for caught in (in_recording, in_folder):
+        assert len(str(caught.value).splitlines()) == 1
+    assert part in str(in_folder.value)
 
 
 @pytest.mark.parametrize(
