@@ -45,6 +45,8 @@ GROUPS = {EXPORTERS, RECOGNISERS}
 """Names of groups of entry points that are no modules."""
 SOURCE = re.compile(r"`([\w.-]+(?:/[\w.-]+)+\.(?:c|h|ino|ipynb|md|py|toml|yaml))`")
 """A file in a folder, other than those that commands write."""
+ENTRY = re.compile(r"^::: (\S+)", re.MULTILINE)
+"""A module or function of the reference."""
 PLACES = (ROOT, ROOT / "src" / "eskin", ROOT / "src" / "eskin" / "sim")
 """Folders in which pages name files; a table of the simulator is about the last."""
 
@@ -171,6 +173,13 @@ def test_every_module_and_function_that_a_page_names_exists(name):
 @pytest.mark.parametrize("path", sorted(find_names(SOURCE)))
 def test_every_file_of_the_repository_that_a_page_names_exists(path):
     assert any((place / path).is_file() for place in PLACES)
+
+
+def test_every_module_is_on_one_page_of_the_reference():
+    """The reference is not built where a name has two pages."""
+    pages = (ROOT / "docs" / "api").glob("*.md")
+    modules = [name for page in pages for name in ENTRY.findall(page.read_text())]
+    assert sorted(modules) == sorted(set(modules))
 
 
 def find_code():
