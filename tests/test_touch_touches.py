@@ -10,6 +10,7 @@ from eskin.skin import MountedSkin
 from eskin.touch import PressDetector, TouchConfig
 from helpers.touch import (
     RIGID_MOTION,
+    SECOND,
     build_hinged_skin,
     build_mounted_grid,
     build_pipeline,
@@ -133,6 +134,20 @@ def test_touch_closes_some_time_after_its_last_contact(rate):
     seconds = (state.reading.stamp - touch.last) * 1e-9
     pause = TouchConfig().pause_seconds
     assert pause < seconds <= pause + 1.001 / rate
+
+
+@pytest.mark.parametrize("begin", [0.0, 1 / 3, 86400.0])
+@pytest.mark.parametrize("pause", [0.1, 0.3, 0.36, 0.7])
+@pytest.mark.parametrize(("late", "count"), [(0, 1), (1, 2)])
+def test_touch_goes_on_within_its_pause_to_the_nanosecond(begin, pause, late, count):
+    pipeline = build_pipeline(GRID, touches=TouchConfig(pause_seconds=pause))
+    pipeline.push_reading(reading_at(0.0, np.zeros(GRID.skin.count)))
+    first = reading_at(begin + 1.0, PAD)
+    pipeline.push_reading(first)
+    pipeline.push_reading(reading_at(begin + 1.05, np.zeros(GRID.skin.count)))
+    stamp = first.stamp + round(pause * SECOND) + late
+    state = pipeline.push_reading(replace(first, stamp=stamp))
+    assert state.touches[-1].id == count
 
 
 @pytest.mark.parametrize("rate", [10, 100, 300])

@@ -1,4 +1,4 @@
-"""Tests of numbers in messages: counts agree with nouns, rows count from 0."""
+"""Tests of durations, and of numbers in messages: counts agree with nouns."""
 
 import ast
 import re
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.units import format_count, format_index
+from eskin.units import format_count, format_index, seconds_between
 from helpers.source import MODULES, parse_module
 
 COMMANDS = [path for path in MODULES if path.parent.name in ("cli", "commands")]
@@ -95,3 +95,11 @@ def test_commands_print_no_count_before_a_plural_that_does_not_follow_it():
     plurals = {format_count(2, noun).removeprefix("2 ") for noun in find_nouns()}
     for path in COMMANDS:
         assert list(find_bare_plurals(path, plurals)) == [], path
+
+
+@given(st.integers(0, 2 * 10**18), st.integers(1, 10**11))
+def test_limit_in_seconds_decides_as_the_same_limit_in_nanoseconds(start, limit):
+    seconds = float(f"{limit}e-9")
+    assert seconds_between(start, start + limit) == seconds
+    assert seconds_between(start, start + limit - 1) < seconds
+    assert seconds_between(start, start + limit + 1) > seconds

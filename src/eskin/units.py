@@ -4,6 +4,19 @@ NS_PER_S = 1_000_000_000
 """Nanoseconds in one second; stamps are in nanoseconds, durations in seconds."""
 
 
+def seconds_between(start: int, end: int) -> float:
+    """Return the time from one stamp to another [s].
+
+    It is the number nearest to the exact difference: a limit in seconds decides as the
+    same limit in nanoseconds does.
+
+    Args:
+        start: the stamp of one instant [ns].
+        end: that of another [ns].
+    """
+    return (end - start) / NS_PER_S
+
+
 def format_count(count: object, noun: str) -> str:
     """Return a count with its noun, such as `1 reading` or `0 touches`.
 

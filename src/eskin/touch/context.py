@@ -5,12 +5,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eskin.touch.pressure_kernels import PressureCurve
-from eskin.touch.taxels import TaxelPlaces
+from eskin.touch.taxels import Instant, TaxelPlaces
 
 
 class KernelScan(NamedTuple):
     """A scan is passed to the kernels in this form."""
 
+    instant: Instant
+    """Its time."""
     counts: np.ndarray
     """(taxel) counts."""
     received: np.ndarray
@@ -19,14 +21,12 @@ class KernelScan(NamedTuple):
     """(taxel) the same, with outages."""
     used: np.ndarray
     """(taxel) whether the counts are new, of no outage and of no faulty taxel."""
+    starts: np.ndarray
+    """(taxel) whether rest begins anew with the counts; written by `check_patches`."""
     pressed: np.ndarray
     """(some) taxels that were pressed clearly above their noise at the last reading."""
     faulty: np.ndarray
     """(taxel) which taxels are faulty; those with negative counts are added."""
-    now: float
-    """Time since the first scan [s]."""
-    elapsed: float
-    """Time since the last scan [s]."""
 
 
 class Crosstalk(NamedTuple):

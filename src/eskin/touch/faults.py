@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from eskin.skin import Skin
 from eskin.touch.adjacency import TaxelGroups
 from eskin.touch.fault_kernels import LINE
-from eskin.touch.taxels import TaxelPlaces
+from eskin.touch.taxels import Instant, TaxelPlaces
 
 Flags = Bool[np.ndarray, "taxel"]
 Counts = Int[np.ndarray, "taxel"]
@@ -52,7 +52,12 @@ class Fault:
 
 
 def list_faults(
-    skin: Skin, places: TaxelPlaces, code: Counts, silent: Flags, since: Counts
+    skin: Skin,
+    places: TaxelPlaces,
+    code: Counts,
+    silent: Flags,
+    since: Float[np.ndarray, "taxel"],
+    instant: Instant,
 ) -> list[Fault]:
     """List the faults: patches first, then rows, columns and the remaining taxels.
 
@@ -61,13 +66,14 @@ def list_faults(
         places: places of its taxels.
         code: index in `TAXEL_KINDS` of each taxel's fault, or -1.
         silent: taxels not received, which is a fault of a whole patch only.
-        since: stamp from which each taxel is faulty or silent [ns].
+        since: time from which each taxel is faulty or silent [s].
+        instant: the time of the latest scan.
     """
     faulty = code >= 0
     faults: list[Fault] = []
     is_out = places.patches.flagged_share(faulty | silent) == 1.0
     for n in np.flatnonzero(is_out):
-        begun = int(since[places.patches.group_index == n].max())
+        begun = instant.stamp_at(since[places.patches.group_index == n].max())
         faults.append(Fault("patch", skin.patches[n].id, None, None, None, begun))
     faulty &= ~is_out[places.patches.group_index]
     # A dead row that crosses a dead column takes no taxel away from it.
@@ -83,7 +89,7 @@ def list_faults(
             number = int(groups.numbers[n])
             row = number if kind == "row" else None
             column = number if kind == "column" else None
-            begun = int(since[groups.group_index == n].max())
+            begun = instant.stamp_at(since[groups.group_index == n].max())
             faults.append(Fault(kind, patch, row, column, None, begun))
         left &= ~is_lost[groups.group_index]
     for i in np.flatnonzero(left).tolist():
@@ -91,5 +97,5 @@ def list_faults(
         row = int(skin.rows[i])
         column = int(skin.columns[i])
         kind = TAXEL_KINDS[code[i]]
-        faults.append(Fault(kind, patch, row, column, i, int(since[i])))
+        faults.append(Fault(kind, patch, row, column, i, instant.stamp_at(since[i])))
     return faults

@@ -1,6 +1,5 @@
 """This module turns scans into readings, and finds faults."""
 
-import math
 from dataclasses import replace
 from typing import final
 
@@ -32,7 +31,7 @@ from eskin.touch.rest_kernels import (
     RestParameters,
     follow_rest,
 )
-from eskin.touch.taxel_kernels import NEVER, NO_FAULT, SILENCE_SECONDS, reset_rest
+from eskin.touch.taxel_kernels import NEVER, NO_FAULT, reset_rest
 from eskin.touch.taxels import (
     TAXEL_CONSTANTS,
     ReadingClock,
@@ -40,7 +39,6 @@ from eskin.touch.taxels import (
     build_patches,
     build_taxels,
 )
-from eskin.units import NS_PER_S
 
 Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
@@ -77,7 +75,6 @@ class FrontEnd:
         calibration: Calibration,
         config: CalibrationConfig | None = None,
         faults: FaultConfig | None = None,
-        clock: ReadingClock | None = None,
     ) -> None:
         """Start before the first scan.
 
@@ -86,7 +83,6 @@ class FrontEnd:
             calibration: constants of its electronics.
             config: how rest is followed.
             faults: the evidence that a fault needs.
-            clock: clock that others share; a new one by default.
 
         Raises:
             SkinMismatchError: the calibration is of another skin.
@@ -96,7 +92,7 @@ class FrontEnd:
         self.calibration = calibration.rising
         self.is_falling = calibration.falling
         self.config = config or CalibrationConfig()
-        self.clock = clock or ReadingClock()
+        self.clock = ReadingClock()
         self.places = TaxelPlaces.build(skin)
         self.constants = build_constants(self.calibration)
         self.taxels = build_taxels(self.constants)
@@ -131,8 +127,6 @@ class FrontEnd:
             self.constants["clear"],
         )
         self.shear_rest = np.full((skin.count, 2), float(calibration.shear_rest))
-        # No taxel was last used before [s]; times of a taxel only grow.
-        self.oldest = -math.inf
         self.last_check = NEVER
         self.mask = np.zeros(skin.count, np.bool_)
         self.doubtful = np.zeros(skin.count, np.bool_)
@@ -157,18 +151,17 @@ class FrontEnd:
         invalid = self.mask | (scan.counts < 0)
         received = scan.received.copy()
         kernel_scan = KernelScan(
+            instant=instant,
             counts=scan.counts,
             received=received,
             heard=scan.received,
             used=received & ~invalid,
+            starts=np.empty(self.skin.count, np.bool_),
             pressed=pressed,
             faulty=self.mask.copy(),
-            now=instant.now,
-            elapsed=instant.elapsed,
         )
         if check_patches(kernel_scan, self.context):
-            self.oldest = -math.inf
-        self.start_from_rest(kernel_scan)
+            self.start_from_rest(kernel_scan)
         pressure = np.empty(self.skin.count, np.float32)
         follow_rest(kernel_scan, self.context, pressure)
         follow_faults(kernel_scan, self.context)
@@ -193,35 +186,32 @@ class FrontEnd:
     def check(self, scan: KernelScan, pressure: Float[np.ndarray, "taxel"]) -> None:
         """Check the evidence of faults, and list them."""
         config = self.fault_config
-        elapsed = min(scan.now - self.last_check, 2.0 * config.check_seconds)
+        now = scan.instant.now
+        elapsed = min(now - self.last_check, 2.0 * config.check_seconds)
         check_faults(scan, pressure, self.last_check, elapsed, self.context)
-        self.last_check = scan.now
-        doubted = scan.now - self.taxels["last_doubted"] <= config.recover_seconds
+        self.last_check = now
+        doubted = now - self.taxels["last_doubted"] <= config.recover_seconds
         self.doubtful = doubted | self.mask
         received = np.maximum(self.taxels["last_received"], 0.0)
-        silent = scan.now - received >= config.line_seconds
+        silent = now - received >= config.line_seconds
         self.taxel_faults = ()
         if self.mask.any() or silent.any():
             code = self.taxels["code"].copy()
             code[(code == NO_FAULT) & self.mask] = NOISY
-            begun = np.where(self.mask, self.taxels["since"], received) * NS_PER_S
-            since = np.round(begun).astype(np.int64) + (self.clock.first or 0)
-            found = list_faults(self.skin, self.places, code, silent, since)
+            since = np.where(self.mask, self.taxels["since"], received)
+            found = list_faults(
+                self.skin, self.places, code, silent, since, scan.instant
+            )
             self.taxel_faults = tuple(found)
 
     def start_from_rest(self, scan: KernelScan) -> None:
-        """Start rest from what is known where a taxel has its first data.
+        """Start rest from what is known where it begins anew.
 
         That is the calibrated rest, or after a long silence the rest before it. Where
         it is not plausible, the taxel is tared.
         """
-        if scan.now - self.oldest <= SILENCE_SECONDS:
-            return
         taxels = self.taxels
-        starts = scan.used & (scan.now - taxels["last_used"] > SILENCE_SECONDS)
-        if not starts.any():
-            self.oldest = float(taxels["last_used"].min())
-            return
+        starts = scan.starts
         known = self.known_rest
         known.rest = np.where(self.is_tared, self.rest, known.rest)
         rest, plausible = known.compare(
@@ -230,7 +220,7 @@ class FrontEnd:
         for i in np.flatnonzero(starts):
             reset_rest(i, taxels)
         found = starts & plausible
-        taxels["last_used"][starts] = scan.now
+        taxels["last_used"][starts] = scan.instant.now
         taxels["rest"][found] = rest[found]
         taxels["sample_count"][starts] = 0
         taxels["sample_count"][found] = self.config.tare_samples
@@ -240,9 +230,10 @@ class FrontEnd:
     ) -> Float[np.ndarray, "taxel 2"]:
         """Return the shear [kPa], and follow its rest while the taxel is untouched."""
         above = counts - self.shear_rest
-        untouched = scan.now - self.taxels["last_touched"] > self.config.freeze_seconds
-        idle = scan.used & untouched
-        step = scan.elapsed / (self.config.drift_seconds + scan.elapsed)
+        instant = scan.instant
+        age = instant.now - self.taxels["last_touched"]
+        idle = scan.used & (age > self.config.freeze_seconds)
+        step = instant.elapsed / (self.config.drift_seconds + instant.elapsed)
         self.shear_rest[idle] += step * above[idle]
         shear = (above * self.calibration.shear_gain).astype(np.float32)
         shear[~scan.used] = 0.0

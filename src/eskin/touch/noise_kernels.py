@@ -132,8 +132,8 @@ def follow_noise(scan: KernelScan, context: FrontEndContext) -> int:
     """
     taxels = context.taxels
     constants = context.constants
-    now = scan.now
-    elapsed = scan.elapsed
+    now = scan.instant.now
+    elapsed = scan.instant.elapsed
     fast = min(elapsed / NOISE.seconds, NOISE.most_part)
     slow = fast * NOISE.seconds / NOISE.wander_seconds
     is_fast = 2.0 * elapsed <= SHORTEST_PRESS
@@ -252,14 +252,14 @@ def limit_noise(
     curve = context.curve
     usual = find_usual(context)
     patch_index = context.places.patches.group_index
-    learnt = max(NOISE.seconds, NOISY_TAXEL.learn_scans * scan.elapsed)
+    learnt = max(NOISE.seconds, NOISY_TAXEL.learn_scans * scan.instant.elapsed)
     for i in range(len(taxels)):
         taxel = taxels[i]
         contact = constants[i].contact
         least = constants[i].least_noise
         patch = patch_index[i]
         noise = taxel.noise
-        since = scan.now - taxel.first_received
+        since = scan.instant.now - taxel.first_received
         share = noise / max(NOISY_TAXEL.contacts * contact, least)
         is_noisier = noise >= NOISY_TAXEL.ratio * usual[0, patch]
         noisy[i] = since >= learnt and share >= 1.0 and is_noisier
@@ -267,7 +267,7 @@ def limit_noise(
         restless = since >= learnt / 2.0 and share >= NOISY_TAXEL.doubtful_share
         restless &= is_noisier
         if noisy[i] or restless:
-            taxel.last_doubted = scan.now
+            taxel.last_doubted = scan.instant.now
         fast = max(BAND.noise_sigmas * noise, least)
         wander = max(taxel.wander / contact, BAND.wander_share * usual[1, patch])
         slow = BAND.wander_sigmas * wander * contact

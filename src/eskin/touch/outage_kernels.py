@@ -110,12 +110,14 @@ def check_patches(scan: KernelScan, packed_context: Packed) -> bool:
     """Find out whether the data of each patch is used, refused or restarts.
 
     Refused data is marked as not received, and not used. Taxels of which nothing is
-    known any more, and those of a patch that restarts, begin anew.
+    known any more, and those of a patch that restarts, begin anew. Where no data was
+    used for so long, rest begins anew.
 
     Returns:
-        Whether some taxels begin anew.
+        Whether it does so on some taxels.
     """
     context = packed_context.fields
+    now = scan.instant.now
     groups = context.places.patches
     begins = False
     for n in range(len(groups.sizes)):
@@ -125,7 +127,7 @@ def check_patches(scan: KernelScan, packed_context: Packed) -> bool:
         moves = count_moves(scan, members, is_refused, context)
         patch.outcome = USED
         if moves.received > 0:
-            check_patch(moves, len(members), scan.now, patch)
+            check_patch(moves, len(members), now, patch)
         for i in members:
             taxel = context.taxels[i]
             if patch.outcome == REFUSED:
@@ -133,12 +135,13 @@ def check_patches(scan: KernelScan, packed_context: Packed) -> bool:
                 scan.used[i] = False
             elif scan.received[i]:
                 taxel.accepted = scan.counts[i]
-            is_new = scan.received[i] and is_silent(taxel.last_received, scan.now)
+            is_new = scan.received[i] and is_silent(taxel.last_received, now)
             if is_new or patch.outcome == RESTARTED:
-                begins = True
                 reset_taxel(i, context.constants, context.taxels)
             if patch.outcome == RESTARTED:
                 taxel.sample_count = 0
+            scan.starts[i] = scan.used[i] and is_silent(taxel.last_used, now)
+            begins |= scan.starts[i]
     return begins
 
 

@@ -12,7 +12,7 @@ from eskin.touch.faults import Fault, FaultKind
 from eskin.touch.outage_kernels import MAX_PRESSED
 from eskin.touch.reading import Scan
 from eskin.touch.taxels import Instant
-from eskin.units import NS_PER_S
+from eskin.units import seconds_between
 
 Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
@@ -182,7 +182,7 @@ class PolarityDetector:
             del self.moves[patch]
             if self.is_touch(move, own):
                 self.count(patch, move)
-        elif scan.stamp - move.since > RULE.longest * NS_PER_S:
+        elif seconds_between(move.since, scan.stamp) > RULE.longest:
             del self.moves[patch]
             self.level[own] = scan.counts[own]
 

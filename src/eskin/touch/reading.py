@@ -140,9 +140,9 @@ def check_joints(q: Float[np.ndarray, "joint"]) -> None:
         )
 
 
-def check_order(last: int | None, stamp: int) -> None:
+def check_order(last: int, stamp: int) -> None:
     """Refuse a stamp that is not later than the last one."""
-    if last is not None and stamp <= last:
+    if stamp <= last:
         raise ReadingError(
             f"stamp {stamp} ns comes after {last} ns; allowed is only later; "
             "drop late and repeated readings, or start anew for another recording"

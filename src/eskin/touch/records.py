@@ -18,7 +18,6 @@ from eskin.files import Distance, Pause, Pressure, Share
 from eskin.skin import MountedSkin
 from eskin.touch.adjacency import MICROMETRE, Adjacency
 from eskin.touch.taxels import Instant, build_dtype
-from eskin.units import NS_PER_S
 
 NO_INDEX = -1
 """Index of no contact, track or touch."""
@@ -273,11 +272,10 @@ such areas is rounded by."""
 CONFIGS = (ContactConfig, TrackConfig, TouchConfig)
 TrackingParameters = namedtuple(
     "TrackingParameters",
-    [one.name for config in CONFIGS for one in fields(config)]
-    + ["pause_ns", "settle_ns", "calibrated"],
+    [one.name for config in CONFIGS for one in fields(config)] + ["calibrated"],
 )
-"""Parameters of the tracking kernels: the fields of their configurations, two of its
-times in ns, and `Skin.calibrated`."""
+"""Parameters of the tracking kernels: the fields of their configurations, and
+`Skin.calibrated`."""
 
 
 def build_tracking_parameters(
@@ -291,12 +289,7 @@ def build_tracking_parameters(
     # Equal distances stay equal where the pose rounds them.
     for name in ("max_gap", "max_separation", "hand"):
         values[name] += MICROMETRE
-    return TrackingParameters(
-        **values,
-        pause_ns=round(touches.pause_seconds * NS_PER_S),
-        settle_ns=round(touches.settle_seconds * NS_PER_S),
-        calibrated=calibrated,
-    )
+    return TrackingParameters(**values, calibrated=calibrated)
 
 
 RECENT = 8

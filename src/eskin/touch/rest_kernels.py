@@ -85,7 +85,7 @@ def follow_rest(scan: KernelScan, packed_context: Packed, pressure: Values) -> N
     constants = context.constants
     curve = context.curve
     taxels = context.taxels
-    now = scan.now
+    now = scan.instant.now
     size = context.samples.shape[1]
     touched = False
     for i in range(len(taxels)):
@@ -125,7 +125,7 @@ def follow_rest(scan: KernelScan, packed_context: Packed, pressure: Values) -> N
 def mark_touched(scan: KernelScan, context: FrontEndContext) -> None:
     """Mark taxels that are touched and their neighbours, and raise their peaks."""
     taxels = context.taxels
-    now = scan.now
+    now = scan.instant.now
     chosen = np.zeros(len(taxels), np.bool_)
     for i in range(len(taxels)):
         if scan.used[i] and taxels[i].above > taxels[i].margin:
@@ -216,7 +216,7 @@ def move_rest(scan: KernelScan, context: FrontEndContext) -> None:
     """Move the rest of each taxel towards its counts while it is untouched."""
     taxels = context.taxels
     parameters = context.rest
-    now = scan.now
+    now = scan.instant.now
     band = parameters.steady_band
     freeze = parameters.freeze_seconds
     size = context.samples.shape[1]

@@ -16,7 +16,7 @@ from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.reading import check_order
 from eskin.touch.taxel_kernels import NEVER, reset_taxel
-from eskin.units import NS_PER_S
+from eskin.units import NS_PER_S, seconds_between
 
 Taxels = Int[np.ndarray, "some"]
 Flags = Bool[np.ndarray, "taxel"]
@@ -116,7 +116,12 @@ part of it was, 1 above, -1 below, 0 if it is not known, and since when [s]."""
 
 
 class Instant(NamedTuple):
-    """An instant is the time of a reading."""
+    """An instant is the time of a reading.
+
+    It tells how old all else is. Taxels and patches hold times in seconds since the
+    first reading, whose age is `now` less the time; contacts, tracks and touches hold
+    stamps.
+    """
 
     stamp: int
     """Time at which it was taken [ns]."""
@@ -127,8 +132,18 @@ class Instant(NamedTuple):
     first."""
     elapsed: float
     """Time since the previous reading [s]; 0 at the first."""
-    elapsed_ns: int
-    """The same in [ns]."""
+    previous_stamp: int
+    """Stamp of the previous reading [ns]; that of this one if it is the first."""
+    first_stamp: int
+    """Stamp of the first reading [ns]."""
+
+    def seconds_since(self, stamp: int) -> float:
+        """Return the time from a stamp to this reading [s]."""
+        return seconds_between(stamp, self.stamp)
+
+    def stamp_at(self, time: float) -> int:
+        """Return the stamp [ns] of a time since the first reading [s]."""
+        return self.first_stamp + round(time * NS_PER_S)
 
 
 @final
@@ -137,7 +152,6 @@ class ReadingClock:
 
     def __init__(self) -> None:
         """Start before the first reading."""
-        self.first: int | None = None
         self.latest: Instant | None = None
 
     def advance(self, stamp: int) -> Instant:
@@ -146,17 +160,19 @@ class ReadingClock:
         Raises:
             ReadingError: It is not later than the latest one.
         """
-        last = None if self.latest is None else self.latest.stamp
-        check_order(last, stamp)
-        first = stamp if self.first is None else self.first
-        last = stamp if last is None else last
-        self.first = first
+        first = stamp
+        last = stamp
+        if self.latest is not None:
+            first = self.latest.first_stamp
+            last = self.latest.stamp
+            check_order(last, stamp)
         self.latest = Instant(
             stamp=stamp,
-            now=(stamp - first) / NS_PER_S,
-            previous=(last - first) / NS_PER_S,
-            elapsed=(stamp - last) / NS_PER_S,
-            elapsed_ns=stamp - last,
+            now=seconds_between(first, stamp),
+            previous=seconds_between(first, last),
+            elapsed=seconds_between(last, stamp),
+            previous_stamp=last,
+            first_stamp=first,
         )
         return self.latest
 

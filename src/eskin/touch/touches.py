@@ -16,7 +16,7 @@ from eskin.touch.records import (
     TouchRecord,
     TrackingResult,
 )
-from eskin.units import NS_PER_S
+from eskin.units import seconds_between
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +261,7 @@ class PressDetector:
         self.force = 0.0
         self.taxel = -1
         self.dropped = False
-        if since is None or dropped or stamp - since < MIN_PRESS_SECONDS * NS_PER_S:
+        if since is None or dropped:
             return None
-        return taxel
+        is_brief = seconds_between(since, stamp) < MIN_PRESS_SECONDS
+        return None if is_brief else taxel

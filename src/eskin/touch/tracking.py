@@ -25,11 +25,9 @@ from eskin.touch.records import (
     copy_record,
 )
 from eskin.touch.rest_kernels import LOW_SECONDS
-from eskin.units import NS_PER_S
+from eskin.units import seconds_between
 
 UM_PER_M = 1e6
-SLOW_NS = round(LONE_STEP.max_interval * NS_PER_S)
-"""Time between two readings from which a touch may last for one of them [ns]."""
 FADE_SECONDS = 2.0
 """Time constant with which the evidence of a track fades [s]: what has given none for
 some seconds may be a taxel that does not return to its rest, and joins no other."""
@@ -38,8 +36,8 @@ HELD_SHARE = 0.15
 ended; creep leaves less."""
 HELD_FORCE = 1.0
 """Force from which taxels are pressed by a hand, however weak beside a press [N]."""
-MIN_LIFT_NS = round(LOW_SECONDS * NS_PER_S)
-"""Smallest time without contact from which a contact counts as a new one [ns]; it must
+MIN_LIFT_SECONDS = LOW_SECONDS
+"""Smallest time without contact from which a contact counts as a new one [s]; it must
 contain a reading."""
 
 by_force = attrgetter("force")
@@ -93,17 +91,18 @@ class TrackFollower:
     def push(self, contacts: Sequence[ContactRecord], reading: KernelReading) -> None:
         """Continue the tracks in the contacts of the next reading."""
         before = self.ongoing
-        pause = self.parameters.pause_ns
+        instant = reading.instant
+        pause = self.parameters.pause_seconds
         self.past = [
             copy_record(track)
             for track in self.ended + self.past
-            if reading.instant.stamp - track.last <= pause
+            if instant.seconds_since(track.last) <= pause
         ]
         self.ongoing = []
         self.ended = []
         successors = [NO_INDEX] * len(before)
         parents = [NO_INDEX] * len(contacts)
-        if reading.instant.elapsed_ns <= pause:
+        if instant.elapsed <= pause:
             self.match_overlaps(before, contacts, successors, parents)
             if NO_INDEX in successors:
                 self.pair_nearest(before, contacts, successors, parents, reading)
@@ -113,7 +112,7 @@ class TrackFollower:
             if contact == NO_INDEX:
                 goes_on = self.is_coasting(track, reading)
             elif goes_on := owners[contact] == n:
-                track.last = reading.instant.stamp
+                track.last = instant.stamp
                 track.contact = contacts[contact]
             else:
                 track.merged_into = before[owners[contact]].id
@@ -121,9 +120,7 @@ class TrackFollower:
             (self.ongoing if goes_on else self.ended).append(track)
         for n, contact in enumerate(contacts):
             if n not in owners:
-                track = TrackRecord(
-                    self.next_id, reading.instant.stamp, reading.instant.stamp, contact
-                )
+                track = TrackRecord(self.next_id, instant.stamp, instant.stamp, contact)
                 self.next_id += 1
                 if parents[n] != NO_INDEX:
                     parent = before[parents[n]]
@@ -213,9 +210,8 @@ class TrackFollower:
 
     def is_coasting(self, track: TrackRecord, reading: KernelReading) -> bool:
         """Return whether most taxels of a track without contact were not received."""
-        if (
-            reading.instant.stamp - track.last
-        ) / NS_PER_S > self.parameters.dropout_seconds:
+        lost = reading.instant.seconds_since(track.last)
+        if lost > self.parameters.dropout_seconds:
             return False
         received = reading.valid[track.contact.taxels]
         return 2 * int(np.count_nonzero(received)) < len(received)
@@ -326,11 +322,11 @@ class TouchGrouper:
         parameters = self.parameters
         ongoing = {one.touch for one in self.ongoing}
         for touch in list(self.touches.values()):
-            pause = parameters.pause_ns
+            pause = parameters.pause_seconds
             weak = not touch.confirmed and touch.evidence < parameters.least_evidence
             if weak and touch.id not in ongoing:
-                pause = min(pause, MIN_LIFT_NS)
-            if self.reading.instant.stamp - touch.last > pause:
+                pause = min(pause, MIN_LIFT_SECONDS)
+            if self.reading.instant.seconds_since(touch.last) > pause:
                 self.close(touch, 0)
 
     def close(self, touch: TouchRecord, merged_into: int) -> None:
@@ -352,8 +348,8 @@ class TouchGrouper:
         """
         parameters = self.parameters
         became_sure = set()
-        elapsed = min(self.reading.instant.elapsed_ns, parameters.pause_ns)
-        kept = exp(-elapsed / (FADE_SECONDS * NS_PER_S))
+        elapsed = min(self.reading.instant.elapsed, parameters.pause_seconds)
+        kept = exp(-elapsed / FADE_SECONDS)
         for track in self.current:
             before = kept * track.evidence
             evidence = before + track.contact.evidence
@@ -388,12 +384,12 @@ class TouchGrouper:
 
     def belongs_together(self, track: TrackRecord, other: TrackRecord) -> bool:
         """Return whether a track belongs to the same touch as another, by its place."""
-        stamp = self.reading.instant.stamp
+        instant = self.reading.instant
         if track.parent == other.id or not self.parameters.calibrated:
             return True
-        if min(track.last, other.last) == stamp:
+        if min(track.last, other.last) == instant.stamp:
             return bool(self.near[track.contact.place, other.contact.place])
-        if stamp - other.last > self.parameters.pause_ns:
+        if instant.seconds_since(other.last) > self.parameters.pause_seconds:
             return False
         gap = measure_gap(other.contact, track.contact, self.reading)
         is_coarse = min(other.contact.cell, track.contact.cell) >= FINGERTIP
@@ -490,12 +486,12 @@ class TouchGrouper:
     ) -> None:
         """Update an open touch with its contacts in this reading."""
         parameters = self.parameters
-        reading = self.reading
-        stamp = reading.instant.stamp
+        instant = self.reading.instant
+        stamp = instant.stamp
         force = sum_forces(contacts)
         # The force in a longer gap between readings is unknown.
-        if reading.instant.elapsed_ns <= parameters.pause_ns:
-            touch.impulse += 0.5 * (force + touch.force) * reading.instant.elapsed
+        if instant.elapsed <= parameters.pause_seconds:
+            touch.impulse += 0.5 * (force + touch.force) * instant.elapsed
         touch.force = force
         if contacts:
             touch.contact = max(contacts, key=by_force)
@@ -508,20 +504,18 @@ class TouchGrouper:
             touch.taxels = contacts[0].taxels
             if len(contacts) > 1:
                 touch.taxels = np.concatenate([one.taxels for one in contacts])
-        lasts = touch.onset < stamp or reading.instant.elapsed_ns > SLOW_NS
+        lasts = touch.onset < stamp or instant.elapsed > LONE_STEP.max_interval
         if touch.last == stamp and (lasts or touch.evidence == inf):
             touch.confirmed |= touch.evidence >= parameters.confirm_llr
         distance = measure_distance(touch.latest, touch.start)
         touch.farthest = max(touch.farthest, distance)
-        if stamp - touch.settled_at >= parameters.settle_ns:
+        if instant.seconds_since(touch.settled_at) >= parameters.settle_seconds:
             touch.settled = touch.peak_force
             touch.settled_at = stamp
         if touch.id in self.before:
             last = self.before[touch.id].last
-            if (
-                last < stamp - reading.instant.elapsed_ns
-                and touch.last - last > MIN_LIFT_NS
-            ):
+            lifted = seconds_between(last, touch.last)
+            if last < instant.previous_stamp and lifted > MIN_LIFT_SECONDS:
                 touch.contacts += 1
 
     def update_held(self) -> None:
@@ -582,17 +576,17 @@ class TouchGrouper:
 
     def update_past(self, taxels: Int[np.ndarray, "pressed"]) -> None:
         """Update the touches that have closed, by the taxels that are pressed."""
-        stamp = self.reading.instant.stamp
+        instant = self.reading.instant
         self.held = []
         for number, touch in list(self.past.items()):
             held = self.select_held(touch, taxels)
             if len(held):
                 touch = copy_record(touch)
                 touch.held = held
-                touch.last = max(touch.last, stamp - self.reading.instant.elapsed_ns)
+                touch.last = max(touch.last, instant.previous_stamp)
                 self.past[number] = touch
                 self.held.append(touch)
-            elif stamp - touch.last > self.parameters.pause_ns:
+            elif instant.seconds_since(touch.last) > self.parameters.pause_seconds:
                 # It has left: what is pressed later is another hand's.
                 del self.past[number]
 
