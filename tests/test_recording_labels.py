@@ -62,17 +62,8 @@ def list_spans(labels):
     ]
 
 
-def test_label_ends_after_its_start_and_has_a_gesture():
-    for end, gesture, part in ((1, "poke", "after its start"), (2, "", "no gesture")):
-        with pytest.raises(RecordingError, match=part):
-            make_label(1, end, gesture)
-
-
-def test_labels_of_one_source_do_not_overlap():
+def test_labels_of_one_source_follow_each_other_and_others_may_overlap():
     check_no_overlap([make_label(1, 2), make_label(2, 3), make_range(1, 3)], 0)
-    both = r"'poke' from 0\.50 to 1\.50 s and 'stroke' from 1\.00 to 2\.50 s overlap"
-    with pytest.raises(RecordingError, match=both):
-        check_no_overlap([make_label(1.5, 3, "stroke"), make_label(1, 2)], SECOND // 2)
 
 
 def test_labels_are_sorted_and_selected_by_source():
@@ -247,12 +238,6 @@ def test_labels_follow_the_pressures_that_a_live_recogniser_sees(tmp_path):
     assert found and found == label_automatically(stamps, peaks, labels, config)
 
 
-def test_recording_without_ranges_and_gestures_is_refused(tmp_path):
-    recording = record(tmp_path / "a.mcap", [make_label(1, 2, "none")])
-    with pytest.raises(RecordingError, match="--ranges FILE"):
-        label_recording(recording)
-
-
 def test_ranges_are_loaded_in_seconds_since_the_first_reading(tmp_path):
     path = tmp_path / "ranges.yaml"
     path.write_text(
@@ -262,36 +247,6 @@ def test_ranges_are_loaded_in_seconds_since_the_first_reading(tmp_path):
     ranges = load_ranges(path, 10 * SECOND)
     assert list_spans(ranges) == [(11, 12, "poke"), (16, 19.5, "Стук 👩🏽‍🔧")]
     assert {label.source for label in ranges} == {"range"}
-
-
-@pytest.mark.parametrize(
-    ("text", "part"),
-    [
-        ("", "no list"),
-        ("start_s: 1", "no list"),
-        ("- {start_s: 1", "not plain YAML"),
-        ("- {start_s: 1, end_s: 2}", "range 1 is"),
-        ("- {start_s: 2, end_s: 1, gesture: poke}", "range 1 ends at 1 s"),
-        ("- {start_s: x, end_s: 1, gesture: poke}", "seconds"),
-        ("- {start_s: .nan, end_s: 1, gesture: poke}", "seconds"),
-        ("- {start_s: 1, end_s: 2, gesture: 3}", "gesture's name"),
-        ("- {start_s: 1, end_s: 2, gesture: ''}", "no gesture"),
-        ("- {start_s: 1, end_s: 2, gesture: unknown}", "recogniser's own word"),
-        (
-            "- {start_s: 1, end_s: 2, gesture: Tap}\n"
-            "- {start_s: 3, end_s: 4, gesture: tap}",
-            "'Tap' and 'tap' differ only in case",
-        ),
-    ],
-)
-def test_invalid_ranges_are_named_in_one_line(tmp_path, text, part):
-    path = tmp_path / "ranges.yaml"
-    path.write_text(text)
-    with pytest.raises(RecordingError, match=part) as caught:
-        load_ranges(path, 0)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(RecordingError, match="no ranges at .*gone.yaml"):
-        load_ranges(tmp_path / "gone.yaml", 0)
 
 
 def is_allowed(*names):

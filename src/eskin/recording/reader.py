@@ -377,14 +377,25 @@ def read_calibration(path: Path) -> Calibration:
         DeviceError: the file cannot be read.
     """
     try:
-        return Calibration.from_bytes(read_file(path, MAX_CALIBRATION_BYTES))
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
+        data = read_file(path, MAX_CALIBRATION_BYTES)
     except OSError as error:
         raise DeviceError(
             f"calibration {path} cannot be read ({error.strerror}); allowed is a JSON "
             "file as eskin calibrate writes it; correct the path"
         ) from error
+    return parse_calibration(data, path)
+
+
+def parse_calibration(data: bytes, path: Path) -> Calibration:
+    """Parse the calibration that a file is or holds.
+
+    Raises:
+        RecordingError: the bytes are no calibration; the message names the file.
+    """
+    try:
+        return Calibration.from_bytes(data)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error
 
 
 def check_room(found: Sequence[object], limit: int, what: str) -> None:
@@ -462,7 +473,7 @@ class RecordingParser:
             urdf=self.attachments.get(URDF_NAME, b""),
             joint_names=self.parse_joint_names(),
             skin=self.parse_skin(skin),
-            calibration=Calibration.from_bytes(calibration),
+            calibration=parse_calibration(calibration, self.path),
             metadata=Metadata.from_record(self.facts),
             labels=sort_labels(self.labels),
             detections=tuple(self.detections),

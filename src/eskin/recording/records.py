@@ -443,7 +443,8 @@ def parse_range(entry: object, place: str, start: int) -> Label:
     first = entry["start_s"]
     last = entry["end_s"]
     gesture = entry["gesture"]
-    if not isinstance(gesture, str) or not all(
+    named = isinstance(gesture, str) and gesture
+    if not named or not all(
         isinstance(value, int | float) and 0 <= value < 1e9 for value in (first, last)
     ):
         raise RecordingError(
