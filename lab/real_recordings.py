@@ -24,12 +24,12 @@ from eskin.recording import NONE, find_recordings, read_recording
 from eskin.sets import (
     LAYOUTS,
     ConversionResult,
-    SetName,
     convert_shearsense,
     convert_sleeve,
     convert_socialtouch,
     convert_table,
 )
+from eskin.sets.conversion import SetName
 from eskin.sets.socialtouch import find_group
 from lab.compare import CompareCommand, run_compare
 from lab.program import run_program

@@ -67,12 +67,12 @@ RUNS = {
 """Arguments of each example on a tiny budget, and a pattern in what it prints."""
 
 
-def test_examples_are_seven_short_numbered_and_say_how_they_are_run():
+def test_examples_are_seven_numbered_and_say_how_they_are_run():
     paths = sorted(EXAMPLES.glob("*.py"))
     assert [path.name for path in paths] == sorted([*RUNS, ROS2_SUBSCRIBER, ONNX_STEP])
     for number, path in enumerate(paths, 1):
         title, *lines = path.read_text().splitlines()
-        assert path.name.startswith(f"{number:02}_") and len(lines) < 100, path
+        assert path.name.startswith(f"{number:02}_"), path
         assert title.startswith('"""') and title.endswith(".")
         assert any(
             line.startswith(f"    python examples/{path.name}") for line in lines

@@ -118,8 +118,8 @@ def test_arm_of_a_plugin_is_real_and_opened_by_its_kind(tmp_path, monkeypatch):
     code = (
         "from eskin.registry import ArmDriver\n"
         "from eskin.arms import SimulatedArm\n"
-        "def open_arm(uri, task, clock, motion, gripper_output):\n"
-        "    arm = SimulatedArm(task)\n    arm.name = uri\n    return arm\n"
+        "def open_arm(uri, clock, gripper_output):\n"
+        "    arm = SimulatedArm(clock=clock)\n    arm.name = uri\n    return arm\n"
         "ARM = ArmDriver(open_arm, 'panda://HOST')\n"
     )
     entries = f"[{ARMS}]\npanda = own_arm:ARM\n"

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from eskin.notebook import measure_pressures
 from eskin.recording import select_labels
 from eskin.skin import MountedSkin, Patch, Skin, save_skin
 from eskin.transforms import matrix_to_quaternion, random_rotation
@@ -70,7 +71,7 @@ def write_archive(recording, path, numbers=7):
     labels = select_labels(recording.labels)
     np.savez(
         path,
-        pressure=np.asarray(eskin.measure_pressures(recording), np.float32),
+        pressure=np.asarray(measure_pressures(recording), np.float32),
         poses=build_poses(mounted, arrays.q, numbers).astype(np.float32),
         stamp=arrays.stamps,
         gesture=[label.gesture for label in labels],

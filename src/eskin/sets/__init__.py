@@ -1,6 +1,6 @@
 """This package converts public sets of touches, and tables, to recordings."""
 
-from eskin.sets.conversion import ConversionResult, SetName
+from eskin.sets.conversion import ConversionResult
 from eskin.sets.shearsense import convert_shearsense
 from eskin.sets.skin_table import ReadingLayout, convert_readings
 from eskin.sets.sleeve import convert_sleeve
@@ -13,7 +13,6 @@ __all__ = [
     "ConversionResult",
     "PoseFit",
     "ReadingLayout",
-    "SetName",
     "TableLayout",
     "convert_readings",
     "convert_shearsense",
