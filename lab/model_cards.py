@@ -136,8 +136,8 @@ def describe_decision(model: Model) -> str:
     return (
         f"A gesture is reported while its touch goes on from a probability of "
         f"{decision.threshold:g} ({', '.join(own) or 'all gestures'}), held for "
-        f"{decision.hold_seconds:g} s; a touch that closes below {decision.least:g} is "
-        f"`unknown`. Logits are divided by {card.temperature:.3f}."
+        f"{decision.dwell_seconds:g} s; a touch that closes below {decision.least:g} "
+        f"is `unknown`. Logits are divided by {card.temperature:.3f}."
     )
 
 

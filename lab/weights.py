@@ -128,7 +128,7 @@ the sets of many kinds of it."""
 
 DECISION = {
     "threshold": 0.95,
-    "hold_seconds": 0.0,
+    "dwell_seconds": 0.0,
     "least": 0.5,
     "deliberate": 0.75,
     "thresholds": {"double_pat": 0.98, "poke": 0.98},

@@ -41,10 +41,13 @@ pytestmark = pytest.mark.slow
 
 DECISIONS = [
     (DecisionConfig(), 1.0),
-    (DecisionConfig(threshold=0.4, hold_seconds=0.0, least=0.6), 4.0),
-    (DecisionConfig(thresholds={"poke": 0.3, "stroke": 2.0}, hold_seconds=0.12), 1.0),
-    (DecisionConfig(threshold=0.35, hold_seconds=0.3, least=0.0, still=0.001), 2.0),
-    (DecisionConfig(threshold=2.0, least=1.0, still=1.0), 1.0),
+    (DecisionConfig(threshold=0.4, dwell_seconds=0.0, least=0.6), 4.0),
+    (DecisionConfig(thresholds={"poke": 0.3, "stroke": 2.0}, dwell_seconds=0.12), 1.0),
+    (
+        DecisionConfig(threshold=0.35, dwell_seconds=0.3, least=0.0, min_travel=0.001),
+        2.0,
+    ),
+    (DecisionConfig(threshold=2.0, least=1.0, min_travel=1.0), 1.0),
     (DecisionConfig(threshold=2.0, lifted=0.3, lift_seconds=0.1), 0.5),
 ]
 """Settings of the decision, each with a temperature."""
@@ -207,7 +210,7 @@ def test_no_single_change_improves_the_decision_chosen(stream_paths):
         lifteds=(0.4, 1.1),
         lifts=(0.1, 0.3),
         leasts=(0.0, 0.9),
-        holds=(0.06, 0.2),
+        dwells=(0.06, 0.2),
     )
     chosen, result = choose_decision(streams, config)
     values = {
@@ -215,7 +218,7 @@ def test_no_single_change_improves_the_decision_chosen(stream_paths):
         "lifted": config.lifteds,
         "lift_seconds": config.lifts,
         "least": config.leasts,
-        "hold_seconds": config.holds,
+        "dwell_seconds": config.dwells,
     }
 
     def cost(score):

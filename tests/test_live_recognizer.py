@@ -64,7 +64,7 @@ def test_each_touch_has_one_detection(name, gesture):
     recognizer = build_recognizer(on, say_always(gesture))
     found = recognise(recognizer, scans(on, two_hands(on), 20, 5.0))
     assert not recognizer.directions.contacts
-    assert not recognizer.decision_filter.evidence
+    assert not recognizer.decision_filter.pending
     assert sorted(detection.touch for detection in found) == [1, 2, 3]
     for detection in found:
         assert detection.gesture == gesture

@@ -34,7 +34,7 @@ NAMED_MAPS = ("paper",)
 """Names of other maps that come with eskin."""
 NON_GESTURES = (NONE, UNKNOWN)
 """Classes of detections that are no gestures and command nothing."""
-NEVER = "never"
+NEVER_ASKS = "never"
 """Answer of maps by which nothing is asked, for simulated arms alone."""
 SIMULATION = "simulation"
 """Key that said what `answer: never` says now."""
@@ -157,7 +157,7 @@ class CommandMap(BaseModel):
     @property
     def asks(self) -> bool:
         """Whether the arm asks before it does more."""
-        return self.answer != NEVER
+        return self.answer != NEVER_ASKS
 
     def needs_answer(self, rule: Rule, action: str) -> bool:
         """Return whether the arm asks before a plain action of a rule."""
@@ -246,7 +246,7 @@ class CommandMap(BaseModel):
         if self.asks and asking and self.answer not in known["gesture"]:
             found.append(
                 f"answer: got {shorten(self.answer)}, allowed "
-                f"{', '.join(known['gesture'])}, or {NEVER} for a simulated arm"
+                f"{', '.join(known['gesture'])}, or {NEVER_ASKS} for a simulated arm"
             )
         keys = [rule.key for rule in self.commands]
         for index, key in enumerate(keys):
@@ -263,14 +263,14 @@ def find_rule_problems(rule: Rule, answer: str) -> list[str]:
 
     Args:
         rule: the rule.
-        answer: gesture that answers when the arm asks, or `NEVER`.
+        answer: gesture that answers when the arm asks, or `NEVER_ASKS`.
     """
     found = []
     if (rule.action is None) == (rule.function is None):
         found.append(": allowed is either action or function; give one of them")
     actions = TOGGLES.get(rule.action or "", (rule.action or "",))
     advances = set(actions) & set(ADVANCING_ACTIONS)
-    asks = answer != NEVER
+    asks = answer != NEVER_ASKS
     if rule.gesture == answer and advances and rule.gesture not in THING_GESTURES:
         found.append(
             f".gesture: got {rule.gesture} for {rule.action}, which is the answer when "
@@ -280,7 +280,7 @@ def find_rule_problems(rule: Rule, answer: str) -> list[str]:
         found.append(
             f".action: got {rule.action} for {rule.gesture}, which things that bump, "
             "bounce or swing make too; allowed are actions that stop or slow; write "
-            f"'gesture: grab', or 'answer: {NEVER}' for a simulated arm"
+            f"'gesture: grab', or 'answer: {NEVER_ASKS}' for a simulated arm"
         )
     if rule.step is not None and rule.action != "jog":
         found.append(
@@ -351,9 +351,9 @@ def check_real(commands: CommandMap, path: Path | str | None) -> None:
     """
     if not commands.asks:
         raise CommandError(
-            f"{format_path(path)}: answer: got {NEVER} on a real arm, which things "
-            "that bump, bounce or swing would start; allowed is a gesture that answers "
-            "when the arm asks; use another map, or --robot sim:ur5"
+            f"{format_path(path)}: answer: got {NEVER_ASKS} on a real arm, which "
+            "things that bump, bounce or swing would start; allowed is a gesture that "
+            "answers when the arm asks; use another map, or --robot sim:ur5"
         )
 
 
@@ -391,13 +391,13 @@ def parse_commands(text: str, file: str) -> CommandMap:
         raise CommandError(f"{file}{error}") from None
     if isinstance(data, dict) and isinstance(data.get(SIMULATION), bool):
         if data.pop(SIMULATION):
-            data.setdefault("answer", NEVER)
+            data.setdefault("answer", NEVER_ASKS)
             logger.warning(
                 "%s: %s: got true, which is read as 'answer: %s'; write that, or take "
                 "it out so that the arm asks",
                 file,
                 SIMULATION,
-                NEVER,
+                NEVER_ASKS,
             )
     if not isinstance(data, dict):
         raise CommandError(
@@ -422,7 +422,7 @@ def describe_entry_error(detail: ErrorDetails) -> str:
             allowed = Rule if "[" in path else CommandMap
             return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
         case "string_type" if path == "answer":
-            return f"{path}: got {got}, allowed is one gesture, or {NEVER}"
+            return f"{path}: got {got}, allowed is one gesture, or {NEVER_ASKS}"
         case "literal_error" if path.endswith("action"):
             return f"{path}: got {got}, allowed {', '.join(ACTIONS)}"
         case "literal_error" if path.endswith("direction"):

@@ -39,8 +39,8 @@ class Decision:
 
 
 @dataclass
-class TouchEvidence:
-    """Evidence accumulates over the readings of an open touch."""
+class PendingDecision:
+    """A pending decision holds what the readings of an open touch have told so far."""
 
     onset: int
     """When the touch began [ns since the epoch]."""
@@ -61,7 +61,7 @@ class DecisionFilter:
     """A filter turns probabilities into one decision for each touch; it is stateful.
 
     1. While a touch is open, a gesture other than `none` is reported once its
-       probability has been above its threshold for the whole of `hold_seconds`; the
+       probability has been above its threshold for the whole of `dwell_seconds`; the
        threshold may be lower without contact. A touch whose contacts have not spanned
        `brief_seconds` waits: it may be the first pat of two, and what a program has
        done for a poke cannot be taken back. The probabilities that suspend an arm do
@@ -73,7 +73,7 @@ class DecisionFilter:
     3. A touch that merges into another counts as reported if either was reported.
     4. On a skin that is not calibrated, contact may never end, as under a tight sleeve.
        There no touch waits. One ends once another class than the reported one, or
-       `none`, has been likeliest for the whole of `hold_seconds`; another touch begins
+       `none`, has been likeliest for the whole of `dwell_seconds`; another touch begins
        only with contact after that. The decision at closing uses the probabilities at
        its last contact, since later readings may belong to the next touch.
     5. Readings with a probability that is not finite decide nothing.
@@ -99,9 +99,9 @@ class DecisionFilter:
         ]
         self.lift = round(self.config.lift_seconds * NS_PER_S)
         self.brief = 0 if change_ends else round(self.config.brief_seconds * NS_PER_S)
-        self.dwell = round(self.config.hold_seconds * NS_PER_S)
+        self.dwell = round(self.config.dwell_seconds * NS_PER_S)
         self.change_ends = change_ends
-        self.evidence: dict[int, TouchEvidence] = {}
+        self.pending: dict[int, PendingDecision] = {}
 
     def push(
         self,
@@ -125,70 +125,68 @@ class DecisionFilter:
         closing = probabilities if closing is None else closing
         decisions = self.close(closed)
         for touch in touches:
-            evidence = self.evidence.get(touch.id)
-            if evidence is None:
-                evidence = self.evidence[touch.id] = TouchEvidence(touch.onset)
+            pending = self.pending.get(touch.id)
+            if pending is None:
+                pending = self.pending[touch.id] = PendingDecision(touch.onset)
             # A list, since reading single elements of an array is slower.
             by_class: list[float] = probabilities[touch.id].tolist()
             at_closing: list[float] = closing[touch.id].tolist()
             if not math.isfinite(sum(by_class) + sum(at_closing)):
                 continue
-            if self.change_ends and self.has_changed(evidence, stamp, by_class):
-                reset_evidence(evidence, touch, stamp)
+            if self.change_ends and self.has_changed(pending, stamp, by_class):
+                reset_pending(pending, touch, stamp)
             if touch.last == stamp or not self.change_ends:
-                evidence.latest = at_closing
-            decision = self.update(evidence, touch, stamp, by_class)
+                pending.latest = at_closing
+            decision = self.update(pending, touch, stamp, by_class)
             if decision is not None:
                 decisions.append(decision)
         return decisions
 
     def has_changed(
-        self, evidence: TouchEvidence, stamp: int, probabilities: list[float]
+        self, pending: PendingDecision, stamp: int, probabilities: list[float]
     ) -> bool:
         """Return whether another class has been likeliest for long enough."""
         leader = self.vocabulary[find_likeliest(probabilities)]
-        if leader != NONE and evidence.gesture in (None, leader):
-            evidence.other_since = None
+        if leader != NONE and pending.gesture in (None, leader):
+            pending.other_since = None
             return False
-        if evidence.other_since is None:
-            evidence.other_since = stamp
-        return stamp - evidence.other_since >= self.dwell
+        if pending.other_since is None:
+            pending.other_since = stamp
+        return stamp - pending.other_since >= self.dwell
 
     def update(
         self,
-        evidence: TouchEvidence,
+        pending: PendingDecision,
         touch: AnyTouch,
         stamp: int,
         probabilities: list[float],
     ) -> Decision | None:
-        """Update the evidence of an open touch, and return a decision if it is due."""
+        """Update what is pending of a touch, and return a decision if it is due."""
         leader = find_likeliest(probabilities)
         is_lifted = stamp - touch.last >= self.lift
         threshold = (self.lifted if is_lifted else self.thresholds)[leader]
         certain = probabilities[leader] >= threshold
-        if leader != evidence.leader or not certain:
-            evidence.leader = leader if certain else -1
-            evidence.since = stamp
-        dwelt = evidence.leader >= 0 and stamp - evidence.since >= self.dwell
-        is_brief = touch.last - evidence.onset < self.brief
-        if evidence.gesture is not None or not dwelt or is_brief:
+        if leader != pending.leader or not certain:
+            pending.leader = leader if certain else -1
+            pending.since = stamp
+        dwelt = pending.leader >= 0 and stamp - pending.since >= self.dwell
+        is_brief = touch.last - pending.onset < self.brief
+        if pending.gesture is not None or not dwelt or is_brief:
             return None
-        evidence.gesture = self.vocabulary[leader]
-        return Decision(
-            touch.id, evidence.gesture, probabilities[leader], evidence.onset
-        )
+        pending.gesture = self.vocabulary[leader]
+        return Decision(touch.id, pending.gesture, probabilities[leader], pending.onset)
 
     def close(self, closed: Sequence[AnyTouch]) -> list[Decision]:
         """Return the decisions about touches that have closed."""
         decisions = []
         for touch in closed:
-            evidence = self.evidence.pop(touch.id, TouchEvidence(touch.onset))
+            pending = self.pending.pop(touch.id, PendingDecision(touch.onset))
             if touch.merged_into:
-                new = TouchEvidence(touch.onset)
-                target = self.evidence.setdefault(touch.merged_into, new)
-                target.gesture = target.gesture or evidence.gesture
-            elif evidence.gesture is None and evidence.latest is not None:
-                decisions.append(self.decide(touch, evidence.onset, evidence.latest))
+                new = PendingDecision(touch.onset)
+                target = self.pending.setdefault(touch.merged_into, new)
+                target.gesture = target.gesture or pending.gesture
+            elif pending.gesture is None and pending.latest is not None:
+                decisions.append(self.decide(touch, pending.onset, pending.latest))
         return decisions
 
     def decide(
@@ -211,15 +209,15 @@ class DecisionFilter:
         return other >= self.config.deliberate
 
 
-def reset_evidence(evidence: TouchEvidence, touch: AnyTouch, stamp: int) -> None:
-    """Drop the evidence of a touch: later contact is treated as another touch.
+def reset_pending(pending: PendingDecision, touch: AnyTouch, stamp: int) -> None:
+    """Forget what a touch has told so far: later contact is treated as another touch.
 
     A touch without contact that was not reported still waits for its closing.
     """
-    if evidence.gesture is not None or touch.last == stamp:
-        evidence.onset = stamp
-        evidence.gesture = None
-        evidence.latest = None
+    if pending.gesture is not None or touch.last == stamp:
+        pending.onset = stamp
+        pending.gesture = None
+        pending.latest = None
 
 
 def find_likeliest(probabilities: list[float]) -> int:

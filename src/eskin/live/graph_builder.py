@@ -48,7 +48,8 @@ latest of each 20 ms, so there are no more of them than on a skin of 125 Hz."""
 MAX_AHEAD = 20_000_000
 """Time by which graphs may be ahead of that [ns]: readings can come in pairs."""
 LONG_AGO = -1_000_000_000  # [ns] stamp before the first reading, too old for a rate
-NEVER = -2  # number of the reading of a taxel that has not been active yet
+NO_READING = -2
+"""Number of the reading of a taxel that has not been active yet."""
 INITIAL_NODES = 256  # that there is memory for
 NO_SHEAR = np.zeros((0, 2), np.float32)
 CM2_PER_M2 = 1e4
@@ -115,7 +116,7 @@ class GraphBuilder:
         self.geometry = build_skin_geometry(mounted, self.config)
         taxels = mounted.skin.count
         self.taxel_history = TaxelHistory(
-            reading=np.full(taxels, NEVER),
+            reading=np.full(taxels, NO_READING),
             onset=np.zeros(taxels, np.int64),
             pressure=np.zeros(taxels),
             before=np.zeros(taxels),

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_type_hints
 
 import numpy as np
 from annotated_types import Interval, MaxLen
-from pydantic import AfterValidator, ConfigDict
+from pydantic import AfterValidator, ConfigDict, Field
 
 from eskin.files import Name, NotNegative, Pause, Share
 from eskin.live.graph_builder import GraphConfig
@@ -75,11 +75,11 @@ class DecisionConfig:
     touch to close."""
     lifted: NotNegative = 1.1
     """Threshold once there has been no contact for `lift_seconds`, if it is lower: most
-    of the evidence has been seen by then."""
+    of the touch has been seen by then."""
     lift_seconds: Pause = 0.2
     """Time without contact after which `lifted` applies [s]; a second pat may still
     come."""
-    hold_seconds: Pause = 0.06
+    dwell_seconds: Annotated[Pause, Field(alias="hold_seconds")] = 0.06
     """Time that a probability must stay above its threshold; on a skin that is not
     calibrated also the time that another class must be likeliest to count as another
     touch [s]."""
@@ -91,8 +91,8 @@ class DecisionConfig:
     deliberate: Share = 0.0
     """Probability that it is any gesture at all, instead of `none`, below which a touch
     whose likeliest class is a gesture is unknown when it closes."""
-    still: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.02
-    """Travel below which a touch has no direction [m]."""
+    min_travel: Annotated[float, Interval(ge=0.0, le=10.0), Field(alias="still")] = 0.02
+    """Travel from which a touch has a direction [m]."""
 
 
 SLOT_NS = 20_000_000

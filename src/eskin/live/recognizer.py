@@ -105,7 +105,7 @@ class Recognizer:
         )
         self.directions = DirectionTracker(
             poses if poses.use_kinematics else LinkPoseCache(mounted),
-            self.decision_filter.config.still,
+            self.decision_filter.config.min_travel,
         )
         self.state: TouchState | None = None
         self.logits: dict[int, Float[np.ndarray, "class"]] = {}

@@ -91,7 +91,7 @@ LINE = FaultyLine()
 
 @dataclass(frozen=True)
 class FaultConfig:
-    """Thresholds define the evidence that a fault needs. All times are in [s]."""
+    """Thresholds define how clear signs of a fault must be. All times are in [s]."""
 
     check_seconds: float = 0.1
     """Period of the checks; negative counts are masked at once."""
@@ -124,7 +124,7 @@ class FaultConfig:
     """Time at zero from which a row or column is dead if it or its patch has an offset,
     and time without data from which a patch is silent."""
     recover_seconds: float = 30.0
-    """Time without evidence after which a taxel is valid again, or no longer
+    """Time without a sign of it after which a taxel is valid again, or no longer
     doubtful."""
     negative_seconds: float = 1.0
     """The same after negative counts, which are invalid one by one."""
@@ -419,7 +419,7 @@ def check_faults(
     elapsed: float,
     packed_context: Packed,
 ) -> None:
-    """Update what may be noise, and the fault of each taxel, by the evidence for it.
+    """Update what may be noise, and the fault of each taxel, by the signs of one.
 
     Args:
         scan: latest scan, whose faulty taxels are written.
@@ -565,7 +565,7 @@ def update_codes(
     lifted: Flags,
     context: FrontEndContext,
 ) -> None:
-    """Update the code of the fault of each taxel by the evidence for it.
+    """Update the code of the fault of each taxel by the signs of one.
 
     Args:
         last_check: time of the last update [s].
@@ -649,7 +649,7 @@ def is_full_long(i: int, context: FrontEndContext) -> bool:
 
 @compiled
 def set_code(i: int, code: int, begun: float, now: float, taxels: np.ndarray) -> None:
-    """Set the code of the fault of a taxel, for which there is evidence now."""
+    """Set the code of the fault of a taxel that shows signs of it now."""
     taxel = taxels[i]
     if taxel.code != code:
         taxel.code = code

@@ -57,8 +57,8 @@ class FrontEnd:
     replayed at any rate gives the same readings as the live device. Each scan passes
     the kernels in the order of the model: outages, rest, noise, faults, crosstalk.
 
-    A fault needs evidence: constant counts of a quiet, quantised sensor, and zero where
-    zero is rest, are valid until other taxels show that they should have changed.
+    A fault needs clear signs: constant counts of a quiet, quantised sensor, and zero
+    where zero is rest, are valid until other taxels show that they should have changed.
 
     Attributes:
         taxels: (taxel) `TAXEL`.
@@ -82,7 +82,7 @@ class FrontEnd:
             skin: the skin.
             calibration: constants of its electronics.
             config: how rest is followed.
-            faults: the evidence that a fault needs.
+            faults: how clear the signs of a fault must be.
 
         Raises:
             SkinMismatchError: the calibration is of another skin.
@@ -184,7 +184,7 @@ class FrontEnd:
         return replace(scan, counts=self.calibration.turn_counts(scan.counts))
 
     def check(self, scan: KernelScan, pressure: Float[np.ndarray, "taxel"]) -> None:
-        """Check the evidence of faults, and list them."""
+        """Check the signs of faults, and list them."""
         config = self.fault_config
         now = scan.instant.now
         elapsed = min(now - self.last_check, 2.0 * config.check_seconds)

@@ -85,10 +85,10 @@ Noise: `noise` and `wander`, its standard deviation from scan to scan and about 
 from which it is away from rest, for faults; `floor`, the pressure that may be noise
 [kPa].
 
-Faults: `suspicion`, the evidence of a fault; `flat_since`, `flat_level`, `flat_step`:
-since when it has been flat after a lone step, at which counts, after which step;
-`last_doubted`, when it was last doubtful; `code`, its fault, `NO_FAULT` for none;
-`since` and `last_found`, since when it is faulty, and when evidence was last found;
+Faults: `suspicion`, how clear the signs of a fault are; `flat_since`, `flat_level`,
+`flat_step`: since when it has been flat after a lone step, at which counts, after which
+step; `last_doubted`, when it was last doubtful; `code`, its fault, `NO_FAULT` for none;
+`since` and `last_found`, since when it is faulty, and when a sign of it was last found;
 `last_sound`, when it was last no noisy taxel; `last_changed`, `last_negative`,
 `last_below_full`, `last_nonzero`, `last_zero`: when its counts last did so; `least`,
 its smallest counts above zero; `last_unpressed` and `unanswered`, when no neighbour was

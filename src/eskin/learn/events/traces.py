@@ -30,7 +30,7 @@ from eskin.skin import MountedSkin
 from eskin.touch import Touch
 from eskin.units import NS_PER_S
 
-ANY_TRAVEL = DecisionConfig(still=float(np.finfo(float).tiny))
+ANY_TRAVEL = DecisionConfig(min_travel=float(np.finfo(float).tiny))
 """Settings by which every touch that has moved at all has a direction."""
 
 
@@ -98,7 +98,7 @@ class Trace:
             by_id = {touch.id: touch for touch in (*step.touches, *step.closed)}
             for decision in decisions:
                 touch = by_id[decision.touch]
-                has_moved = np.linalg.norm(touch.travel) >= config.still
+                has_moved = np.linalg.norm(touch.travel) >= config.min_travel
                 direction = directions[touch.id] if has_moved else np.zeros(3)
                 found.append(build_detection(decision, touch, step.stamp, direction))
         return found

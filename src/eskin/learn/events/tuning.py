@@ -52,7 +52,7 @@ class TuningConfig:
     """Probabilities below which a touch that closes is unknown."""
     deliberates: tuple[float, ...] = (0.0, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9)
     """Probabilities of any gesture below which it is unknown, too."""
-    holds: tuple[float, ...] = (0.0, 0.03, 0.06, 0.12, 0.2, 0.3, 0.4)
+    dwells: tuple[float, ...] = (0.0, 0.03, 0.06, 0.12, 0.2, 0.3, 0.4)
     """Times for which a gesture must stay above its threshold [s]."""
     each: bool = True
     """Whether each gesture gets a threshold of its own."""
@@ -123,7 +123,7 @@ def list_candidates(
         "threshold": config.thresholds,
         "lifted": config.lifteds,
         "lift_seconds": config.lifts,
-        "hold_seconds": config.holds,
+        "dwell_seconds": config.dwells,
         "least": config.leasts,
         "deliberate": config.deliberates,
     }
