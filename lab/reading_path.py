@@ -167,8 +167,8 @@ def main() -> int:
         threading.setprofile(None)
     if found < DETECTIONS:
         print_error(
-            f"got {found} detections in {count} readings within {PATIENCE:g} s; "
-            f"needed are {DETECTIONS}; run it again where nothing else runs"
+            f"got {found} detections in {count} profiled readings, with {PATIENCE:g} s for "
+            f"all; needed are {DETECTIONS}; run it again now that its code is compiled"
         )
         return 1
     called = list(profiler.called)

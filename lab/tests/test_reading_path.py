@@ -44,4 +44,4 @@ def test_sender_that_sends_nothing_fails(
 def test_too_few_detections_fail(monkeypatch, capsys, counts):
     monkeypatch.setattr(reading_path, "receive_sent", lambda profiler: counts)
     count, found = counts
-    assert f"got {found} detections in {count} readings" in refuse(capsys)
+    assert f"got {found} detections in {count} profiled readings" in refuse(capsys)
