@@ -38,7 +38,9 @@ class OnnxSteps:
         self.slot_ns = round(float(known["slot_seconds"]) * SECOND)
         self.slot = 0
 
-    def push(self, stamp: int, inputs: dict[str, np.ndarray]) -> dict[str, float]:
+    def compute_probabilities(
+        self, stamp: int, inputs: dict[str, np.ndarray]
+    ) -> dict[str, float]:
         """Return the probability of each gesture after a reading."""
         slot = stamp // self.slot_ns
         if passed := min(slot - self.slot, len(self.present)):
@@ -95,8 +97,8 @@ def main(example: Example) -> None:
         counts = rng.normal(20, 1, skin.count) + press * shape
         received = np.ones(skin.count, bool)
         scan = Scan(round(t * SECOND), np.int32(counts), received, np.zeros(0))
-        for touch, graph in graphs.push(pipeline.push(scan)).items():
-            said = steps.push(scan.stamp, build_inputs(graph))
+        for touch, graph in graphs.build_graphs(pipeline.push_scan(scan)).items():
+            said = steps.compute_probabilities(scan.stamp, build_inputs(graph))
             best = max(said, key=lambda name: said[name])
             print(f"{t:.2f} s  touch {touch}  {best} {said[best]:.0%}")
 

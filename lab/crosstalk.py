@@ -312,7 +312,7 @@ def play(condition: Condition, seconds: float, seed: int) -> Counted:
         digest.update(counts.tobytes())
         readings += 1
         stamp = NS_PER_S + round(readings * NS_PER_S / condition.rate)
-        state = pipeline.push(Scan(stamp, counts, received, q))
+        state = pipeline.push_scan(Scan(stamp, counts, received, q))
         valid = state.reading.valid
         blind += find_worst_patch(valid, skin.patch_index) > 0.5
         if readings > SETTLING * condition.rate:

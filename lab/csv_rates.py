@@ -90,7 +90,7 @@ class ScheduledMatrix(SampleDevice):
         self.next = 0
         self.line = MatrixLine(LineForm("simulated"), skin, 0)
         self.times = clock.now() + (schedule.arrived * NS_PER_S).astype(np.int64)
-        self.line.deframer.push(b"\n")
+        self.line.deframer.push_chunk(b"\n")
 
     def connect(self) -> None:
         """Begin with an empty port."""
@@ -110,7 +110,7 @@ class ScheduledMatrix(SampleDevice):
         numbers = range(self.next, last)
         self.next = last
         chunk = b"".join(map(self.schedule.line, numbers))
-        return self.line.push(self.line.deframer.push(chunk), now)
+        return self.line.push_lines(self.line.deframer.push_chunk(chunk), now)
 
     def disconnect(self) -> None:
         """Do nothing."""

@@ -135,7 +135,7 @@ def watch(
     force = np.zeros(len(begins))
     for scan in scans:
         time = scan.stamp / NS_PER_S
-        state = pipeline.push(scan)
+        state = pipeline.push_scan(scan)
         passed = np.searchsorted(begins, time)
         if told is None and pipeline.front_end.polarity.faults:
             told = int(passed)

@@ -139,7 +139,7 @@ def test_joints_of_a_device_come_from_ros2_in_the_order_of_its_robot(domain, sta
 def hear(joints, names, q):
     """Let joints receive a message of a publisher."""
     data = pack_joint_state(1, names, np.array(q))
-    joints.push(wrap_message(joints.reader.topic.data_type, data))
+    joints.push_message(wrap_message(joints.reader.topic.data_type, data))
 
 
 def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain, stack):
@@ -154,7 +154,7 @@ def test_joint_states_are_taken_by_name_and_broken_ones_refused(domain, stack):
     hear(joints, robot.joint_names[:2], [1.0])
     hear(joints, robot.joint_names[:2], [1.0, np.nan])
     hear(joints, robot.joint_names[:2], [1.0, 90.0])
-    joints.push(wrap_message(joints.reader.topic.data_type, b"\0\1\0\0\7"))
+    joints.push_message(wrap_message(joints.reader.topic.data_type, b"\0\1\0\0\7"))
     assert joints.q_at(clock.now()).tolist() == q.tolist()
     assert joints.received.refused == 4
     clock.sleep(0.02)

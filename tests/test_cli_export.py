@@ -133,7 +133,7 @@ def test_steps_of_onnx_network_give_probabilities_of_the_live_recogniser(exporte
     for scan in scans(on, PRESSES, 50, 5.2):
         live.push(scan)
         slot = scan.stamp // SLOT_NS
-        for touch, graph in stream.push(pipeline.push(scan)).items():
+        for touch, graph in stream.build_graphs(pipeline.push_scan(scan)).items():
             empty = (np.zeros(shapes["window"]), np.zeros(shapes["present"]), slot)
             window, present, last = windows.get(touch, empty)
             for values in (window, present):

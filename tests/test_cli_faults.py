@@ -129,14 +129,14 @@ def test_column_that_is_dead_from_the_start_is_told_once(
 
 def test_stream_and_scans_have_one_form_of_line(capsys):
     fault = Fault("column", "p0", None, 5, None, 0)
-    [event] = FaultReporter(SKIN).push(7_000_000_000, [fault])
+    [event] = FaultReporter(SKIN).report_faults(7_000_000_000, [fault])
     info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
     stream = TerminalPrinter()
     stream.start(Context(info, ManualClock(0), lambda _: None))
     stream.on_message(event)
     scans = SkinPrinter(SKIN)
-    scans.push(0, [])
-    scans.push(7_000_000_000, [fault])
+    scans.print_reading(0, [])
+    scans.print_reading(7_000_000_000, [fault])
     _, one, other = capsys.readouterr().out.splitlines()
     assert one == other and LINE.match(one)
 

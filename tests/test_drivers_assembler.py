@@ -117,7 +117,7 @@ def test_complete_period_is_given_out_at_once():
     ages = []
     for arrived, port, packet in sorted(stream_all(0, 2), key=lambda item: item[0]):
         run.wait(arrived)
-        run.push(packet, arrived, port)
+        run.push_packet(packet, arrived, port)
         before = len(run.scans)
         run.poll(arrived)
         ages += [arrived - scan.stamp for scan in run.scans[before:]]
@@ -342,7 +342,7 @@ def test_process_that_slept_shortly_loses_nothing():
     run = AssemblerRun().play([a for a in arrivals if a[0] <= asleep], 2.0)
     for arrived, port, packet in arrivals:
         if asleep < arrived <= awake:
-            run.push(packet, awake, port)
+            run.push_packet(packet, awake, port)
     run.play([a for a in arrivals if a[0] > awake], 4.2).check()
     assert all(run.received(n, SETTLED, 3.9) == 1 for n in range(PATCHES))
     assert run.assembler.counters()["skipped"] == 0

@@ -53,7 +53,9 @@ class ClockRun:
         return self
 
     def receive(self, device_time, scan, arrived, made, time):
-        found = self.clock.push(device_time, scan % 2**16, arrived, self.content)
+        found = self.clock.find_scan_time(
+            device_time, scan % 2**16, arrived, self.content
+        )
         after = (arrived - START) / SECOND
         self.doubts[after] = self.clock.doubt
         self.problems[after] = self.clock.problem

@@ -35,13 +35,13 @@ def open_line(options="", missing=()):
 
 def read_lines(line, lines, period=20 * MS):
     """Return the samples of lines that arrive one a period."""
-    line.deframer.push(b"\n")
+    line.deframer.push_chunk(b"\n")
     samples = []
     now = 0
     for each in lines:
         now += period
         line.empty_at = now - MS
-        samples += line.push(line.deframer.push(each), now)
+        samples += line.push_lines(line.deframer.push_chunk(each), now)
     return samples
 
 
@@ -543,9 +543,9 @@ def test_lines_that_lay_unread_are_not_used():
     read_lines(line, [])
     line.empty_at = 0
     lines = [join(COUNTS)] * 20
-    assert {sample.stamp for sample in line.push(lines, SECOND)} == {0}
+    assert {sample.stamp for sample in line.push_lines(lines, SECOND)} == {0}
     assert not line.refused
-    assert [sample.stamp for sample in line.push(lines[:1], SECOND + MS)] == [
+    assert [sample.stamp for sample in line.push_lines(lines[:1], SECOND + MS)] == [
         SECOND + MS
     ]
 
@@ -560,7 +560,7 @@ def test_lines_of_a_burst_are_stamped_when_they_were_made(rate, in_pieces):
     for at in np.unique(arrived).tolist():
         due = made[arrived == at].tolist()
         for k, part in enumerate([[one] for one in due] if in_pieces else [due]):
-            samples = line.push([join(COUNTS)] * len(part), at + k * MS // 10)
+            samples = line.push_lines([join(COUNTS)] * len(part), at + k * MS // 10)
             errors += [abs(s.stamp - m) for s, m in zip(samples, part, strict=True)]
     # After a second the interval is known.
     assert max(errors[rate:]) <= SECOND // rate + 20 * MS
@@ -583,9 +583,9 @@ def test_lines_are_found_however_bytes_are_cut(parts, size):
     found = [
         line
         for at in range(0, len(data), size)
-        for line in cut.push(data[at : at + size])
+        for line in cut.push_chunk(data[at : at + size])
     ]
-    assert whole.push(data) == found == END.split(data)[1:-1]
+    assert whole.push_chunk(data) == found == END.split(data)[1:-1]
 
 
 @pytest.fixture

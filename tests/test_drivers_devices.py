@@ -441,7 +441,7 @@ class Wire:
     def read(self):
         data = self.data
         self.data = b""
-        return self.deframer.push(data)
+        return self.deframer.push_chunk(data)
 
     def close(self):
         self.line = None

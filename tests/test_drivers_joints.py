@@ -38,21 +38,21 @@ def joints():
 
 def test_positions_are_taken_in_the_robots_order_whatever_theirs_is(joints):
     names = ["finger", *NAMES[::-1]]
-    joints.push(encode([9.0, *Q[::-1]], name=names), HERE, START)
+    joints.push_datagram(encode([9.0, *Q[::-1]], name=names), HERE, START)
     assert joints.q_at(START).tolist() == Q
-    joints.push(encode(), HERE, START + MS)
+    joints.push_datagram(encode(), HERE, START + MS)
     assert joints.q_at(START + MS).tolist() == Q and joints.received.accepted == 2
 
 
 def test_positions_are_interpolated_between_arrivals(joints):
-    joints.push(encode([0.0] * 6), HERE, START)
-    joints.push(encode([1.0] * 6), HERE, START + 20 * MS)
+    joints.push_datagram(encode([0.0] * 6), HERE, START)
+    joints.push_datagram(encode([1.0] * 6), HERE, START + 20 * MS)
     np.testing.assert_allclose(joints.q_at(START + 5 * MS), 0.25)
 
 
 @pytest.mark.parametrize("ms", [101, 5_000, -101])
 def test_positions_of_another_time_are_refused(joints, ms):
-    joints.push(encode(), HERE, START)
+    joints.push_datagram(encode(), HERE, START)
     assert joints.q_at(START + (99 if ms > 0 else -99) * MS).tolist() == Q
     with pytest.raises(JointsError, match=r"for 0\.1 s") as error:
         joints.q_at(START + ms * MS)
@@ -65,21 +65,21 @@ def test_positions_are_as_old_as_those_of_the_joint_that_came_first(late):
     received = ReceivedJoints(ROBOT)
     first = dict(zip(NAMES, Q, strict=True))
     del first[NAMES[late]]
-    received.add(first, START)
+    received.merge_positions(first, START)
     with pytest.raises(JointsError, match=f"'{NAMES[late]}'"):
         received.q_at(START)
-    received.add({NAMES[late]: Q[late]}, START + 50 * MS)
+    received.merge_positions({NAMES[late]: Q[late]}, START + 50 * MS)
     assert received.q_at(START + 99 * MS).tolist() == Q
-    received.add({NAMES[late]: Q[late]}, START + 90 * MS)
+    received.merge_positions({NAMES[late]: Q[late]}, START + 90 * MS)
     with pytest.raises(JointsError, match=r"for 0\.1 s"):
         received.q_at(START + 101 * MS)
 
 
 def test_second_sender_is_refused_while_the_first_sends(joints):
-    joints.push(encode(), HERE, START)
-    joints.push(encode([0.0] * 6), THERE, START + SECOND)
+    joints.push_datagram(encode(), HERE, START)
+    joints.push_datagram(encode([0.0] * 6), THERE, START + SECOND)
     assert joints.received.refused == 1 and joints.q_at(START).tolist() == Q
-    joints.push(encode([0.0] * 6), THERE, START + 3 * SECOND)
+    joints.push_datagram(encode([0.0] * 6), THERE, START + 3 * SECOND)
     assert joints.q_at(START + 3 * SECOND).tolist() == [0.0] * 6
 
 
@@ -106,7 +106,7 @@ def test_second_sender_is_refused_while_the_first_sends(joints):
     ],
 )
 def test_what_is_no_position_of_every_joint_is_refused_and_said(joints, data, part):
-    joints.push(data, HERE, START)
+    joints.push_datagram(data, HERE, START)
     assert (joints.received.accepted, joints.received.refused) == (0, 1)
     with pytest.raises(JointsError) as error:
         joints.q_at(START)

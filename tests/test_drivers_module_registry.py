@@ -136,6 +136,6 @@ def test_one_event_is_reported_in_the_singular():
 def test_events_that_nobody_takes_are_bounded():
     log = EventLog()
     for n in range(3000):
-        log.add(START + n, "moved", "it moved")
+        log.log_event(START + n, "moved", "it moved")
         log.count("damaged", "packet", f"at port {n}")
     assert len(log.take()) == 1000 and len(log.repeated) == 256

@@ -240,7 +240,7 @@ def test_codec_agrees_with_the_vectors(vector):
         assert encode_packet(swapped) == data
     assert are_equal(decode_packet(data), packet)
     assert encode_frame(data) == framed
-    assert Deframer().push(framed) == [data]
+    assert Deframer().push_chunk(framed) == [data]
 
 
 @pytest.mark.parametrize(
@@ -258,7 +258,7 @@ def test_codec_agrees_with_the_vectors_of_version_2(vector):
         tag = blake2s(challenge + data[:-20], key=key, digest_size=16).digest()
         assert data[-20:-4] == tag
     assert made == data and are_equal(decode_packet(data), packet)
-    assert Deframer().push(bytes.fromhex(vector["framed"])) == [data]
+    assert Deframer().push_chunk(bytes.fromhex(vector["framed"])) == [data]
 
 
 @pytest.mark.parametrize(
@@ -328,7 +328,7 @@ def cut(stream, seed, max_size):
 def deframe(*chunks):
     """Return the packets found, and the counts of bytes, frames and broken frames."""
     deframer = Deframer()
-    packets = [packet for chunk in chunks for packet in deframer.push(chunk)]
+    packets = [packet for chunk in chunks for packet in deframer.push_chunk(chunk)]
     return packets, (deframer.bytes, deframer.frames, deframer.broken)
 
 
@@ -380,10 +380,10 @@ def test_broken_frames_are_counted_and_empty_ones_are_not(before, broken):
 def test_endless_frame_is_thrown_away_up_to_the_next_zero(max_size):
     deframer = Deframer()
     for chunk in cut(b"\x01" * 5000, 1, max_size):
-        assert deframer.push(chunk) == []
+        assert deframer.push_chunk(chunk) == []
         assert len(deframer.open) <= MAX_FRAME
     assert deframer.broken == 1
-    assert deframer.push(b"\x01\x01\0" + encode_frame(b"next")) == [b"next"]
+    assert deframer.push_chunk(b"\x01\x01\0" + encode_frame(b"next")) == [b"next"]
     assert (deframer.frames, deframer.broken) == (1, 1)
 
 

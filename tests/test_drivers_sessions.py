@@ -199,7 +199,7 @@ def test_window_accepts_each_counter_once(counters):
     window = CounterWindow()
     accepted = set()
     for counter in counters:
-        if window.add(counter) == "new":
+        if window.add_counter(counter) == "new":
             assert counter not in accepted
             accepted.add(counter)
     assert max(counters, default=-1) == window.highest
@@ -365,6 +365,6 @@ def test_echo_bounds_the_clock_of_its_patch(port, sent, held, outcome, is_noted)
     arrived = START + 2 * SECOND
     echo = Echo(0, 1, 123_456, 1, CHALLENGE, held)
     sent = None if sent is None else arrived - sent
-    run.assembler.push(echo, arrived, port, sent)
+    run.assembler.push_packet(echo, arrived, port, sent)
     assert run.counts[outcome] == 1
     assert noted == ([(123_456, sent, arrived - MS)] if is_noted else [])

@@ -181,7 +181,7 @@ def test_port_vanishes_with_its_last_patch_and_comes_back(tmp_path):
         while not found and time.monotonic() < until:
             try:
                 with open_line(port) as line:
-                    found = Deframer().push(line.read(2000))
+                    found = Deframer().push_chunk(line.read(2000))
             except serial.SerialException:
                 continue
     assert {decode_packet(packet).address for packet in found} == {1, 2, 3}

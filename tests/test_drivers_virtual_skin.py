@@ -162,7 +162,7 @@ def test_line_that_is_not_read_loses_whole_packets_only():
         device.send(next(iter(scans_of(SKIN, 1))))
         data += b"".join(iter(lambda: line.read(65536), b""))
     deframer = Deframer()
-    packets = [decode_packet(packet) for packet in deframer.push(data)]
+    packets = [decode_packet(packet) for packet in deframer.push_chunk(data)]
     assert deframer.broken == 0
     assert len(packets) == device.packets - lost
     counters = device.counters()

@@ -151,7 +151,7 @@ class Patch:
         """Give the program a line; return the packets that it sends."""
         print(line, file=self.process.stdin, flush=True)
         framed = bytes.fromhex(self.process.stdout.readline())
-        return self.deframer.push(framed)
+        return self.deframer.push_chunk(framed)
 
     def receive(self, packet):
         return self.call(f"r {(END + encode_frame(packet)).hex()}")
@@ -245,7 +245,7 @@ def test_any_counts_are_sent(send):
     deframer = Deframer()
     lines = (f"d 1 2 0 0 {len(row)} {' '.join(map(str, row))}" for row in wanted)
     for counts, (_, framed) in zip(wanted, send(lines), strict=True):
-        [packet] = deframer.push(framed)
+        [packet] = deframer.push_chunk(framed)
         assert decode_packet(packet).counts.tolist() == counts
     assert (deframer.frames, deframer.broken) == (400, 0)
 
@@ -263,7 +263,7 @@ def test_example_sends_its_matrix_in_complete_scans(compile_program, size):
         FIRMWARE / "example_main.c", f"-DESKIN_PACKET_BYTES={size}"
     )
     deframer = Deframer()
-    packets = [*map(decode_packet, deframer.push(run_program(program, "120")))]
+    packets = [*map(decode_packet, deframer.push_chunk(run_program(program, "120")))]
     assert deframer.broken == 0 and not deframer.open
     hello = packets[0]
     assert (hello.rows, hello.columns, hello.taxels) == (30, 40, 30 * 40 - 36)

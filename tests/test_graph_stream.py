@@ -33,7 +33,7 @@ def push_scene(touch, config=None):
     calibration = Calibration.uniform(touch.mounted.skin.count, 1000, 100.0)
     pipeline = TouchPipeline(touch.mounted, calibration)
     stream = GraphStream(touch.mounted, config)
-    return [stream.push(pipeline.push_reading(each)) for each in touch.readings]
+    return [stream.build_graphs(pipeline.push_reading(each)) for each in touch.readings]
 
 
 def push_loads(mounted, *loads, step=STEP):

@@ -72,7 +72,7 @@ def test_rows_are_the_graphs_of_the_stream_in_sequences(tmp_path, calibrated, co
     graphs = GraphStream(on, config)
     live = {}
     for scan in recording.scans():
-        for key, graph in graphs.push(pipeline.push(scan)).items():
+        for key, graph in graphs.build_graphs(pipeline.push_scan(scan)).items():
             live.setdefault(key, []).append((scan.stamp, graph))
     found = prepare_file(recording.path, config)
     rows = [row for key in sorted(live) for row in live[key]]
@@ -93,7 +93,7 @@ def test_touch_that_was_never_confirmed_is_left_out(tmp_path):
     path = record_scans(tmp_path / "a.mcap", on, stream)
     recording = read_recording(path)
     pipeline = TouchPipeline(on, recording.calibration)
-    states = [pipeline.push(scan) for scan in recording.scans()]
+    states = [pipeline.push_scan(scan) for scan in recording.scans()]
     assert max(touch.id for state in states for touch in state.tracking.open) == 2
     found = prepare_file(path)
     assert found.sequence.max() == 0

@@ -43,7 +43,9 @@ def decide(runs, config=None, step=STEP, change_ends=False, close=True):
         readings, name, p, *lifted = run.split()
         for _ in range(int(readings)):
             touch = touch if lifted else touch_at(stamp)
-            made = decisions.push(stamp, (touch,), (), {1: share(name, float(p))})
+            made = decisions.make_decisions(
+                stamp, (touch,), (), {1: share(name, float(p))}
+            )
             found += [(each, stamp // step, touch.last // step) for each in made]
             stamp += step
     if close:
@@ -156,7 +158,7 @@ def test_merged_touches_have_one_decision(young, old, want):
         touches = (one, two) if n < 5 else (one,)
         closed = (replace(two, closed=True, merged_into=1),) if n == 5 else ()
         p = {1: share("poke", old if n > 5 else 0.5), 2: share("stroke", young)}
-        found += decisions.push(STEP * n, touches, closed, p)
+        found += decisions.make_decisions(STEP * n, touches, closed, p)
     found += decisions.close((touch_at(STEP * 9, 1),))
     assert [(decision.touch, decision.gesture) for decision in found] == [want]
 
@@ -165,11 +167,11 @@ def test_touch_that_begins_with_a_merger_has_no_other_decision():
     decisions = DecisionFilter(VOCABULARY, DecisionConfig(**AT_ONCE))
     certain = share("poke", 0.9)
     for n in range(5):
-        decisions.push(STEP * n, (touch_at(STEP * n, 2),), (), {2: certain})
+        decisions.make_decisions(STEP * n, (touch_at(STEP * n, 2),), (), {2: certain})
     closed = (replace(touch_at(4 * STEP, 2), closed=True, merged_into=1),)
     for n in range(5, 15):
         touch = touch_at(STEP * n)
-        assert not decisions.push(STEP * n, (touch,), closed, {1: certain})
+        assert not decisions.make_decisions(STEP * n, (touch,), closed, {1: certain})
         closed = ()
     assert not decisions.close((touch_at(15 * STEP),))
 
@@ -184,7 +186,7 @@ def test_closing_probabilities_count_when_a_touch_closes_and_never_before(change
     for n in range(30):
         closing = {1: certain if n < 20 else share("none", 0.9)}
         touch = touch_at(STEP * min(n, 19))
-        found += decisions.push(STEP * n, (touch,), (), {1: unsure}, closing)
+        found += decisions.make_decisions(STEP * n, (touch,), (), {1: unsure}, closing)
     assert not found
     [decision] = decisions.close((touch_at(STEP * 19),))
     assert decision.gesture == ("stroke" if change_ends else "none")
@@ -197,7 +199,9 @@ def test_what_is_certain_while_a_touch_is_open_does_not_wait_for_its_closing():
     for n in range(10):
         p = {1: share("poke", 0.9)}
         closing = {1: share("stroke", 0.9)}
-        found += decisions.push(STEP * n, (touch_at(STEP * n),), (), p, closing)
+        found += decisions.make_decisions(
+            STEP * n, (touch_at(STEP * n),), (), p, closing
+        )
     assert [decision.gesture for decision in found] == ["poke"]
     assert not decisions.close((touch_at(STEP * 9),))
 

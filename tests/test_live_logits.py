@@ -161,12 +161,12 @@ def test_sequences_do_not_depend_on_others_at_once_or_before():
         keys = rng.permutation(np.arange(1, most + 1)).tolist()
         nodes = choose_nodes(on, keys, rng)
         reading = make_reading(on, n, np.arange(on.skin.count), rng)
-        together.push(reading, nodes)
+        together.compute_logits(reading, nodes)
         assert list(together.logits) == list(together.probabilities) == keys
         for key, stream in alone.items():
             own = {key: nodes[key]} if key in nodes else {}
             has_ended = stream.logits and not own
-            stream.push(reading, own)
+            stream.compute_logits(reading, own)
             if has_ended:
                 alone[key] = LogitStream(model, stream.builder)
             for field in ("logits", "probabilities") if own else ():

@@ -79,7 +79,9 @@ def test_merged_touches_have_one_detection():
     on = mounted()
     stream = scans(on, [Press(2.4, 3.6, 60, 73), Press(2.4, 3.6, 89, 76)], 25, 4.6)
     pipeline = TouchPipeline(on, calibration_of(on.skin))
-    closed = [touch for scan in stream for touch in pipeline.push(scan).closed_touches]
+    closed = [
+        touch for scan in stream for touch in pipeline.push_scan(scan).closed_touches
+    ]
     assert sum(touch.merged_into is not None for touch in closed) == 1
     recognizer = build_recognizer(on, say_always("none"))
     assert [found.touch for found in recognise(recognizer, stream)] == [1]
@@ -128,7 +130,7 @@ def test_readings_that_repeat_a_measurement_change_no_probability():
     recognizer = Recognizer(say_always("none"), on, None)
     found = []
     for scan in scans(on, [Press(2.4, 3.2, 65, 72, 40.0)], 12, 4.2):
-        reading = pipeline.push(scan).reading
+        reading = pipeline.push_scan(scan).reading
         before = {}
         for n in range(4):
             stamp = reading.stamp + n * 20_000_000

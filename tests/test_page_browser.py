@@ -427,7 +427,7 @@ def test_page_guides_through_calibration(calibrated):
     stamps = iter(range(40_000_000, 10**18, 200_000_000))
 
     def show(board):
-        viewer.show(pipeline.push(Scan(next(stamps), counts, received, Q)), board)
+        viewer.show(pipeline.push_scan(Scan(next(stamps), counts, received, Q)), board)
 
     find = partial(find_button, tab)
 

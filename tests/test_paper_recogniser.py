@@ -74,7 +74,7 @@ def select_felt(on, stream):
     joints = []
     for scan in stream:
         floor = pipeline.front_end.floor
-        state = pipeline.push(scan)
+        state = pipeline.push_scan(scan)
         felt = state.reading.valid & (state.reading.pressure >= floor)
         pressures.append(np.where(felt, state.reading.pressure, 0.0))
         joints.append(state.reading.q)
@@ -136,7 +136,7 @@ def push(features, milliseconds):
     for number, at in enumerate(milliseconds, 1):
         stamp = START + round(at * 1e6)
         if features.count_slots(stamp) > 0:
-            features.push(stamp, torch.full((1, 1), float(number)))
+            features.add_features(stamp, torch.full((1, 1), float(number)))
     return features.features[:, 0].tolist()
 
 

@@ -169,7 +169,7 @@ class Poked(TouchClassifier):
         super().__init__(model, touches)
         self.answer = 9.0 * (np.array(model.card.vocabulary) == "poke")
 
-    def push(self, state, floor):
+    def classify_touches(self, state, floor):
         keys = self.list_keys(state)
         self.logits = dict.fromkeys(keys, self.answer)
         self.probabilities = dict.fromkeys(keys, self.answer / 9.0)

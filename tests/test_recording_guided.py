@@ -173,7 +173,7 @@ def wait_for_touch(touches, seconds, counts):
     told = []
     for scan in make_scans(touches, seconds, counts):
         guide.push(scan)
-        told.append(waiting.push(guide.state, find_awaited(guide)))
+        told.append(waiting.describe_wait(guide.state, find_awaited(guide)))
     return [text for text in told if text]
 
 

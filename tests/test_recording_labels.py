@@ -163,7 +163,7 @@ def test_threshold_separates_two_groups_of_any_size_and_distance(ratio, share, s
 
 def score_agreement(truth, found):
     agreement = LabelAgreement()
-    agreement.add(truth, found, make_stamps(5))
+    agreement.add_recording(truth, found, make_stamps(5))
     return agreement.summary()
 
 

@@ -106,7 +106,7 @@ def test_touch_gives_the_counts_and_truth_of_a_clip(gesture, kind, motion):
     site = live.hand.find_site("stroke", None, find_point(live, "forearm_back"), person)
     rng = np.random.default_rng(0)
     touch = perform(gesture, kind, person, site, env.constants, rng, 1.5, None)
-    live.hand.add(PerformedTouch(touch, delay, env))
+    live.hand.add_touch(PerformedTouch(touch, delay, env))
     found = scan_many(live, steps // 2, motion)
     at = np.arange(-1, steps // 2)
     q = np.array([motion(max(reading, 0)) for reading in at])
@@ -154,14 +154,14 @@ def test_poke_is_felt_at_its_place_and_nothing_without_it(patch, motion):
     live = InteractiveSkin()
     front_end = FrontEnd(live.mounted.skin, live.calibration)
     for reading, (scan, truths) in enumerate(scan_many(live, 200, motion)):
-        made = front_end.push(scan)
+        made = front_end.make_reading(scan)
         assert truths == ()
         np.testing.assert_array_equal(scan.q, motion(reading))
         assert reading < 100 or made.pressure[made.valid].max() < ContactConfig().on
     point = find_point(live, patch, 30)
     live.hand.poke(point, 8.0, 0.4)
     readings = [
-        front_end.push(live.scan(PERIOD * reading, motion(reading)))
+        front_end.make_reading(live.scan(PERIOD * reading, motion(reading)))
         for reading in range(201, 241)
     ]
     pressure = np.array([np.where(made.valid, made.pressure, 0) for made in readings])
@@ -324,7 +324,7 @@ def test_player_makes_no_contact_where_stretches_meet():
     peaks = []
     others = []
     for number, scan in enumerate(play(simulator, LEAD + STRETCH + STRETCH // 3)):
-        reading = front_end.push(scan)
+        reading = front_end.make_reading(scan)
         is_near = (number - LEAD + nearby) % STRETCH < 2 * nearby
         found = peaks if is_near and number > LEAD + nearby else others
         found.append(reading.pressure[reading.valid].max())

@@ -190,7 +190,9 @@ def test_pipeline_merges_contacts_where_patches_meet(pair_set, side, touches):
         mounted = MountedSkin(recording.skin, load_robot(recording.robot_name))
         pipeline = TouchPipeline(mounted, recording.calibration)
         closed = [
-            t for scan in recording.scans() for t in pipeline.push(scan).closed_touches
+            t
+            for scan in recording.scans()
+            for t in pipeline.push_scan(scan).closed_touches
         ]
         closed += pipeline.finish()
         onsets = np.array([t.onset for t in closed if t.merged_into is None])

@@ -108,7 +108,7 @@ def test_calibration_reads_the_true_pressure_of_a_nominal_taxel():
         scan_at(number * 0.02, np.where(near, count, 0))
         for number, count in enumerate(counts[:201])
     ]
-    pressure = [front_end.push(scan).pressure for scan in scans][-1]
+    pressure = [front_end.make_reading(scan).pressure for scan in scans][-1]
     assert pressure[near] == pytest.approx(20.0, rel=0.02)
     assert not pressure[~near].any()
 

@@ -113,7 +113,7 @@ def test_readings_do_not_depend_on_how_many_are_read_at_a_time(family):
     pressure, taxels = add_proximity(PRESSURE, TAXELS, build, SKIN)
     counts = []
     for first in range(0, len(pressure), 2):
-        sensor.push(pressure[first : first + 2], taxels)
+        sensor.simulate_steps(pressure[first : first + 2], taxels)
         counts.append(sensor.read(np.array([float(first)]))[0])
     assert (np.array(counts) == expected)[received].all()
 

@@ -49,7 +49,7 @@ def report(faults_at, seconds, rate=20, ends=True):
     events = []
     for n in range(round(seconds * rate)):
         stamp = START + round(n * SECOND / rate)
-        events += reporter.push(stamp, faults_at(n / rate))
+        events += reporter.report_faults(stamp, faults_at(n / rate))
     return events + (reporter.finish() if ends else [])
 
 
@@ -228,7 +228,7 @@ def report_again(find, seconds):
     """Return what a reporter has still to tell when nothing has changed for long."""
     reporter = FaultReporter(SKIN)
     for n in range(10 * seconds):
-        reporter.push(START + n * SECOND // 10, find(n / 10))
+        reporter.report_faults(START + n * SECOND // 10, find(n / 10))
     return reporter.finish()
 
 
@@ -282,5 +282,5 @@ def test_places_of_many_faults_are_counted():
 def test_memory_of_faults_ends():
     reporter = FaultReporter(SKIN)
     for n in range(1000):
-        reporter.push(START + n * SECOND, [find_taxel(n)])
+        reporter.report_faults(START + n * SECOND, [find_taxel(n)])
     assert len(reporter.parts) <= 2 * REPEAT // SECOND + CHECK

@@ -137,7 +137,7 @@ def test_quantiles_of_durations_are_at_most_two_percent_off():
     durations = DurationHistogram()
     assert durations.quantile(0.5) == 0.0
     for value in values:
-        durations.add(float(value))
+        durations.add_duration(float(value))
     for share in (0.01, 0.5, 0.9, 0.99, 1.0):
         true = max(np.quantile(values, share, method="inverted_cdf"), 1e-6)
         assert true * 0.999999 <= durations.quantile(share) <= true * 1.0201
@@ -148,6 +148,6 @@ def test_quantiles_of_durations_are_at_most_two_percent_off():
 def test_durations_of_any_size_are_counted():
     durations = DurationHistogram()
     for value in (-1.0, 0.0, 1e9):
-        durations.add(value)
+        durations.add_duration(value)
     assert (durations.count, durations.longest) == (3, 1e9)
     assert durations.quantile(0.5) == 1e-6

@@ -41,7 +41,7 @@ def push_signal(signal, seconds, rate=50, front_end=None, start=0.0):
     """Push `signal(t)` as counts; return the times and the pressures."""
     front_end = front_end or FrontEnd(SKIN, LINEAR)
     times = start + np.arange(round(seconds * rate)) / rate
-    pressures = [front_end.push(scan_at(t, signal(t))).pressure for t in times]
+    pressures = [front_end.make_reading(scan_at(t, signal(t))).pressure for t in times]
     return times, np.array(pressures)
 
 
@@ -179,8 +179,10 @@ def test_patch_silent_for_long_is_tared_again():
     front_end = FrontEnd(SKIN, LINEAR)
     push_signal(rest, 3.0, front_end=front_end)
     none = np.zeros(SKIN.count, bool)
-    front_end.push(scan_at(4.0, np.zeros(SKIN.count), received=none))
-    assert not front_end.push(scan_at(30.0, np.full(SKIN.count, 600))).pressure.any()
+    front_end.make_reading(scan_at(4.0, np.zeros(SKIN.count), received=none))
+    assert not front_end.make_reading(
+        scan_at(30.0, np.full(SKIN.count, 600))
+    ).pressure.any()
 
 
 def test_readings_do_not_depend_on_the_order_of_taxels():
@@ -190,8 +192,8 @@ def test_readings_do_not_depend_on_the_order_of_taxels():
     other = FrontEnd(reorder_taxels(SKIN, order), LINEAR)
     for step in range(200):
         counts = REST + rng.integers(-30, 60, SKIN.count)
-        expected = one.push(scan_at(step / 20, counts)).pressure[order]
-        got = other.push(scan_at(step / 20, counts[order])).pressure
+        expected = one.make_reading(scan_at(step / 20, counts)).pressure[order]
+        got = other.make_reading(scan_at(step / 20, counts[order])).pressure
         np.testing.assert_array_equal(got, expected)
 
 
@@ -202,10 +204,10 @@ def test_missing_and_faulty_taxels_are_not_valid_and_not_learned_from():
     counts = np.where((taxel == 3) | (taxel == 4), -1000, REST)
     for step in range(50):
         scan = scan_at(3.0 + step / 50, counts, received=taxel != 3)
-        reading = front_end.push(scan)
+        reading = front_end.make_reading(scan)
     assert np.flatnonzero(~reading.valid).tolist() == [3, 4]
     for step in range(80):
-        reading = front_end.push(scan_at(4.0 + step / 50, rest(5.0)))
+        reading = front_end.make_reading(scan_at(4.0 + step / 50, rest(5.0)))
     assert reading.valid.all() and not reading.pressure.any()
 
 
@@ -216,7 +218,7 @@ def test_offset_is_learned_beside_a_faulty_taxel_that_was_touched():
         counts = rest(t) + 60 * (taxel == 14) * (t >= 5.0) + 60 * (taxel == 15)
         counts -= 60 * (taxel == 15) * (t < 4.5)
         received = (taxel != 15) | (t < 4.8)
-        reading = front_end.push(scan_at(t, counts, received))
+        reading = front_end.make_reading(scan_at(t, counts, received))
     assert reading.pressure[14] < 0.5
 
 
@@ -236,7 +238,7 @@ def test_shear_is_measured_from_rest_and_not_learned_during_a_touch():
     for t in np.arange(0, 30, 0.05):
         shear = np.full((SKIN.count, 2), 130, np.int32)
         shear[TOUCHED] += np.array((40, -20), np.int32) * (t >= 10.0)
-        reading = front_end.push(scan_at(t, signal(t), shear=shear))
+        reading = front_end.make_reading(scan_at(t, signal(t), shear=shear))
     assert reading.shear is not None and reading.shear.dtype == np.float32
     expected = np.tile([20.0, -10.0], (TOUCHED.sum(), 1))
     np.testing.assert_allclose(reading.shear[TOUCHED], expected, atol=0.6)
@@ -247,8 +249,8 @@ def test_saturated_divider_reads_finite_increasing_pressure():
     push_signal(rest, 3.0, front_end=front_end)
     counts = np.linspace(REST - 50, 5000, SKIN.count).astype(int)
     # All counts move at once, which is no touch until the next scan confirms it.
-    front_end.push(scan_at(3.0, counts))
-    pressure = front_end.push(scan_at(3.02, counts)).pressure
+    front_end.make_reading(scan_at(3.0, counts))
+    pressure = front_end.make_reading(scan_at(3.02, counts)).pressure
     assert np.isfinite(pressure).all() and (np.diff(pressure) >= 0).all()
     assert pressure[-1] > 1000.0
 

@@ -58,7 +58,7 @@ def feels(claimed, true, config=None):
             pressed = min(max(number - 80, 0) / 8, 1.0) * tip
             counts = 20 + true.compute_counts(pressed) + 0.4 * rng.normal(size=64)
             counts = np.minimum(np.round(counts), true.full_scale)
-            state = pipeline.push(scan_at(number / 50, counts))
+            state = pipeline.push_scan(scan_at(number / 50, counts))
             if number > 80 and state.open:
                 return True
     return False
@@ -125,7 +125,9 @@ def test_taxel_that_claims_to_feel_little_feels_from_a_quarter_of_full_scale():
     numb = replace(LINEAR, gain=LINEAR.gain * np.where(np.arange(64) < 31, 1e-3, 1.0))
     pipeline = TouchPipeline(MOUNTED, numb)
     for number, above in enumerate([0] * 50 + [63] * 2 + [64] * 2):
-        state = pipeline.push(scan_at(number / 50, 20 + above * (np.arange(64) == 9)))
+        state = pipeline.push_scan(
+            scan_at(number / 50, 20 + above * (np.arange(64) == 9))
+        )
         assert (state.reading.pressure[9] >= state.contact) == (above == 64)
 
 
@@ -138,7 +140,7 @@ def test_model_does_not_decide_what_is_a_fault():
         for number in range(300):
             counts = 200 + rng.integers(-1, 2, 64)
             counts[9] += 150 * (-1) ** number
-            pipeline.push(scan_at(number / 50, counts))
+            pipeline.push_scan(scan_at(number / 50, counts))
         masks.append(pipeline.front_end.mask)
     assert masks[0][9]
     np.testing.assert_array_equal(*masks)

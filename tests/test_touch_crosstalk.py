@@ -164,7 +164,7 @@ def test_pipeline_finds_contacts_without_crosstalk_and_faults_with_it():
             trembling = np.round(shown * (1.0 + 0.3 * np.sin(n / 3)))
             counts = REST + trembling * (n > 100)
             counts[skin.rows == 2] *= n <= 150
-            state = pipeline.push(scan_at(n / 50, counts))
+            state = pipeline.push_scan(scan_at(n / 50, counts))
         states.append(state)
     plain, compensated = states
     assert plain.faults and plain.faults == compensated.faults

@@ -33,7 +33,7 @@ def push_counts(added, seconds, noise=1.0, noisy=None):
         sigma[LONE] = noisy
     for t in np.arange(round(seconds * RATE)) / RATE:
         counts = 200 + sigma * rng.standard_normal(SKIN.count) + added(t)
-        state = pipeline.push(scan_at(t, np.round(counts)))
+        state = pipeline.push_scan(scan_at(t, np.round(counts)))
         for touch in (*state.touches, *state.closed_touches):
             seen[touch.id] = touch
     return seen, state
@@ -147,7 +147,7 @@ def test_hand_is_not_taken_for_noise(force):
         for t in np.arange(20 * RATE) / RATE:
             counts = 200 + rng.standard_normal(SKIN.count)
             counts += share * force(t) * PAD * (t >= 6.6)
-            pipeline.push(scan_at(t, np.round(counts)))
+            pipeline.push_scan(scan_at(t, np.round(counts)))
         floors.append(pipeline.front_end.floor.copy())
     assert (floors[1] <= 1.5 * floors[0]).all()
 

@@ -26,7 +26,7 @@ def push_counts(change, seconds=12.0, rate=50, noise=2.0, rest=200, scale=100.0)
         received = np.ones(SKIN.count, bool)
         change(t, counts, received)
         scan = scan_at(t, np.clip(counts, -1, 1000), received)
-        detector.push(scan)
+        detector.make_reading(scan)
         yield t, detector
 
 
@@ -343,7 +343,7 @@ def test_taxel_is_doubtful_before_it_is_faulty_and_as_long_after_it():
         counts = np.full(SKIN.count, 200)
         counts[TAXEL] += round(5 * rng.standard_normal())
         scan = scan_at(t, counts)
-        detector.push(scan)
+        detector.make_reading(scan)
         doubted.append(bool(detector.doubtful[TAXEL]))
         masked.append(bool(detector.mask[TAXEL]))
     assert doubted.index(True) < masked.index(True)
@@ -359,7 +359,7 @@ def find_doubtful(change, skin=SKIN, seconds=3.0):
         if t > 2.5:
             change(counts)
         scan = scan_at(t, counts)
-        detector.push(scan)
+        detector.make_reading(scan)
     return detector.doubtful
 
 

@@ -39,7 +39,7 @@ def push_counts(added, seconds, calibration=MEASURED, pipeline=None, start=0.0):
     pipeline = pipeline or TouchPipeline(MOUNTED, calibration)
     for t in start + np.arange(round(seconds * RATE)) / RATE:
         counts = REST_COUNTS + rng.standard_normal(SKIN.count) + added(t)
-        state = pipeline.push(scan_at(t, np.round(counts)))
+        state = pipeline.push_scan(scan_at(t, np.round(counts)))
         for touch in (*state.touches, *state.closed_touches):
             seen[touch.id] = touch
     return list(seen.values()), state, pipeline
@@ -107,7 +107,7 @@ def test_noise_that_has_grown_is_followed():
     pipeline = TouchPipeline(MOUNTED, calibration)
     for t in np.arange(20 * RATE) / RATE:
         noisy = REST_COUNTS + 3.0 * rng.standard_normal(SKIN.count)
-        pipeline.push(scan_at(t, np.round(noisy)))
+        pipeline.push_scan(scan_at(t, np.round(noisy)))
     assert np.median(pipeline.front_end.floor) == pytest.approx(1.8, rel=0.3)
 
 
@@ -117,7 +117,7 @@ def test_taxels_are_compared_as_they_are_received():
     pipeline = TouchPipeline(MOUNTED, MEASURED)
     for t in np.arange(10) / RATE:
         counts = REST_COUNTS + 100 * PAD
-        state = pipeline.push(scan_at(t, counts, received=~half | (t > 0.0)))
+        state = pipeline.push_scan(scan_at(t, counts, received=~half | (t > 0.0)))
     np.testing.assert_allclose(state.reading.pressure, 10 * PAD, atol=0.5)
 
 

@@ -28,7 +28,7 @@ def stream(change, seconds, mounted=PANEL, noise=0.5, seed=0):
     for k in range(round(seconds * RATE)):
         counts = REST + noise * rng.standard_normal(mounted.skin.count)
         counts = change(k / RATE, np.round(counts).astype(int))
-        yield k / RATE, pipeline.push(scan_at(k / RATE, np.clip(counts, -1, FULL)))
+        yield k / RATE, pipeline.push_scan(scan_at(k / RATE, np.clip(counts, -1, FULL)))
 
 
 def press(centre, start, seconds=0.3, mounted=PANEL):

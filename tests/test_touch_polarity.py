@@ -43,7 +43,7 @@ def fall(scans):
 def play(scans, calibration=CALIBRATION, mounted=MOUNTED):
     """Return the states of a pipeline."""
     pipeline = TouchPipeline(mounted, calibration)
-    return [pipeline.push(scan) for scan in scans]
+    return [pipeline.push_scan(scan) for scan in scans]
 
 
 def find_ways(states):
@@ -52,7 +52,7 @@ def find_ways(states):
     events = [
         event
         for state in states
-        for event in reporter.push(state.reading.stamp, state.faults)
+        for event in reporter.report_faults(state.reading.stamp, state.faults)
     ]
     return [event.text for event in events if "under pressure" in event.text]
 

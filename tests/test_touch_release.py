@@ -41,7 +41,7 @@ def push(pipeline, kpa, falling=0.0, noise=1.0, seed=0):
         stamp = START + round(n * SECOND / RATE)
         received = np.ones(SKIN.count, np.bool_)
         counts = np.clip(counts, 0, 4000).astype(np.int32)
-        states.append(pipeline.push(Scan(stamp, counts, received, np.zeros(0))))
+        states.append(pipeline.push_scan(Scan(stamp, counts, received, np.zeros(0))))
     return states
 
 

@@ -276,7 +276,7 @@ def test_pipeline_finds_a_touch_and_a_stuck_taxel_in_counts():
     for t in np.arange(0.0, 12.0, 0.02):
         counts = touch_counts(t)
         counts[35] = 900 if t > 5.0 else counts[35]
-        state = pipeline.push(scan_at(t, counts))
+        state = pipeline.push_scan(scan_at(t, counts))
         closed += state.closed_touches
     assert [(f.kind, f.row, f.column) for f in state.faults] == [("stuck", 5, 5)]
     assert not state.reading.valid[35] and not state.contacts
@@ -296,11 +296,11 @@ def test_pipeline_finds_a_touch_and_a_stuck_taxel_in_counts():
 )
 def test_refused_scan_changes_nothing(scan, text):
     pipeline = build_pipeline(GRID)
-    pipeline.push(scan_at(1.0, np.full(36, 200)))
+    pipeline.push_scan(scan_at(1.0, np.full(36, 200)))
     with pytest.raises(ReadingError, match=text) as error:
-        pipeline.push(scan)
+        pipeline.push_scan(scan)
     assert "\n" not in str(error.value)
-    assert pipeline.push(scan_at(1.5, np.full(36, 200))).reading.valid.all()
+    assert pipeline.push_scan(scan_at(1.5, np.full(36, 200))).reading.valid.all()
 
 
 @pytest.mark.parametrize(("bad_scan", "count"), [(0, -32768), (2, -1)])
@@ -309,7 +309,7 @@ def test_negative_count_is_not_valid_and_not_learned(bad_scan, count):
     for n in range(200):
         counts = touch_counts(0.0)
         counts[7] = count if n == bad_scan else counts[7]
-        state = pipeline.push(scan_at(n / 50, counts))
+        state = pipeline.push_scan(scan_at(n / 50, counts))
         assert not state.contacts
         if n == bad_scan:
             assert np.flatnonzero(~state.reading.valid).tolist() == [7]
@@ -335,5 +335,5 @@ def test_firm_long_press_is_found_with_its_hardest_taxel(presses, count):
 
     states, _ = find_touches(GRID, pressure_at, 3.0)
     detector = PressDetector()
-    found = [taxel for taxel in map(detector.push, states) if taxel is not None]
+    found = [taxel for taxel in map(detector.find_press, states) if taxel is not None]
     assert found == [15] * count

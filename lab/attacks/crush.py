@@ -273,7 +273,7 @@ class CrushedArm:
         first = self.source.due
         performed = PerformedTouch(self.draw_touch(number), 0.1, self.skin.env)
         latest = round((1 - LEFT_SHARE) * performed.end)
-        self.skin.hand.add(performed)
+        self.skin.hand.add_touch(performed)
         while not performed.over:
             stamp = self.read()
             at = round(((stamp - first) / NS_PER_S + self.skin.period) / self.step)

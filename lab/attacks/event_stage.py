@@ -287,7 +287,7 @@ class Stage:
             some = min(readings - done, skin.sensor.noise.remaining)
             part = slice(done * skin.steps, (done + some) * skin.steps)
             before = skin.sensor.steps
-            skin.sensor.push(pressure[part], taxels)
+            skin.sensor.simulate_steps(pressure[part], taxels)
             places = before - 1.0 + skin.steps * np.arange(1, some + 1)
             for counts in skin.sensor.read(places):
                 lost = skin.sensor.losses.draw_next()[0] & (done * step > LEAD)

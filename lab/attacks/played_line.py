@@ -254,7 +254,7 @@ class PlayedLine:
             clock = self.assembler.streams[packet.address].clock
             clock.push_echo(packet.device_time, packet.sent, arrived)
         else:
-            self.assembler.push(packet, arrived, "line")
+            self.assembler.push_packet(packet, arrived, "line")
         self.poll(arrived)
 
     def wait(self, until: int) -> None:

@@ -116,7 +116,7 @@ class SealedLine:
 
     def count_assembled(self) -> None:
         """Count the packets that reach the assembler."""
-        push = self.source.assembler.push
+        push = self.source.assembler.push_packet
 
         def push_and_count(
             packet: Packet, arrived: int, port: str, sent: int | None = None
@@ -124,7 +124,7 @@ class SealedLine:
             self.assembled += 1
             push(packet, arrived, port, sent)
 
-        self.source.assembler.push = push_and_count
+        self.source.assembler.push_packet = push_and_count
 
     @property
     def now(self) -> int:

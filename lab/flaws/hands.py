@@ -146,7 +146,7 @@ class PressedSensor:
             places = np.searchsorted(self.taxels, hand.taxels)
             force = hand.pressure * np.exp(self.sway * state)
             pressure[:, places] += (force * hand.compute_share(times))[:, None]
-        self.sensor.push(pressure, self.taxels)
+        self.sensor.simulate_steps(pressure, self.taxels)
         self.time += self.period
 
     def scan(self, q: Float[np.ndarray, "joint"]) -> Scan:

@@ -200,7 +200,7 @@ def rest_hands(plan: RestPlan) -> list[HandResult]:
     felt: dict[int, int | None] = {}
     held: dict[int, int | None] = {}
     while len(held) < len(hands):
-        state = pipeline.push(stream.scan(q))
+        state = pipeline.push_scan(stream.scan(q))
         for number, hand in enumerate(hands):
             is_felt = stream.time >= hand.lands + FELT_AFTER
             is_held = stream.time >= hand.lifts
@@ -246,7 +246,7 @@ def find_press(
     best: Touch | None = None
     open_before = 0
     while stream.time < press.lifts + LANDING:
-        state = pipeline.push(stream.scan(q))
+        state = pipeline.push_scan(stream.scan(q))
         if stream.time < press.lands:
             open_before = len(state.open)
             continue

@@ -93,11 +93,11 @@ def found(stream: bytes) -> list[bytes]:
     """Return the packets of a stream, which must not depend on its division."""
     whole = Deframer()
     parts = Deframer()
-    packets = whole.push(stream)
+    packets = whole.push_chunk(stream)
     size = 1 + len(stream) % 97
     pieces = []
     for start in range(0, len(stream), size):
-        pieces += parts.push(stream[start : start + size])
+        pieces += parts.push_chunk(stream[start : start + size])
         if len(parts.open) > MAX_FRAME_BYTES:
             raise AssertionError(f"{len(parts.open)} bytes are held")
     counters = [(x.bytes, x.frames, x.broken) for x in (whole, parts)]

@@ -163,7 +163,7 @@ class CreepSimulator(ClipGenerator):
         )
         every = np.argsort(skin.patch_index, kind="stable")
         sensor = Sensor(build, skin, setup.rng, session=session, live=every)
-        sensor.push(pressure, taxels)
+        sensor.simulate_steps(pressure, taxels)
         if self.creeps:
             leave_creep(sensor, skin, *draw_creep(setup, touches))
         electronics = build.electronics

@@ -43,7 +43,7 @@ class TouchWatch:
 
     def push(self, scan: Scan) -> TouchState:
         """Process the next scan."""
-        state = self.pipeline.push(scan)
+        state = self.pipeline.push_scan(scan)
         for row in (*state.open, *state.closed):
             trail = self.trails.setdefault(row.id, Trail(row.id))
             trail.onset = row.onset

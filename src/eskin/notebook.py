@@ -44,7 +44,7 @@ def measure_pressures(recording: Recording | Path | str) -> Any:  # noqa: ANN401
         recording = read_recording(recording)
     mounted = MountedSkin(recording.skin, recording.load_robot())
     pipeline = TouchPipeline(mounted, recording.calibration)
-    states = ((scan.stamp, pipeline.push(scan)) for scan in recording.scans())
+    states = ((scan.stamp, pipeline.push_scan(scan)) for scan in recording.scans())
     pairs = [(stamp, state.reading.pressure.copy()) for stamp, state in states]
     times = np.array([stamp for stamp, _ in pairs], "datetime64[ns]")
     values = np.array([row for _, row in pairs], np.float32)
@@ -121,7 +121,7 @@ def list_touches(recording: Recording, model: Model) -> Iterator[dict[str, Any]]
             features.setdefault(touch, []).append(values.copy())
         if recognizer.state is not None:
             closed += recognizer.state.closed_touches
-            forces.push(recognizer.state)
+            forces.record_forces(recognizer.state)
     detected |= {each.touch: each for each in recognizer.finish()}
     state = recognizer.state
     closed += () if state is None else state.touches
@@ -219,7 +219,7 @@ class ForceRecorder:
         """Start before the first reading."""
         self.series: dict[int, dict[int, float]] = {}
 
-    def push(self, state: TouchState) -> None:
+    def record_forces(self, state: TouchState) -> None:
         """Record the forces at the next reading, also of touches not yet confirmed.
 
         The earlier forces of a touch that is merged into another are added to those of

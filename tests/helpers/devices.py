@@ -173,5 +173,5 @@ def read_packets(line, count):
     deframer = Deframer()
     found = []
     while len(found) < count:
-        found += deframer.push(line.read(max(1, line.in_waiting)))
+        found += deframer.push_chunk(line.read(max(1, line.in_waiting)))
     return [decode_packet(packet) for packet in found[:count]]

@@ -119,13 +119,13 @@ class AssemblerRun:
         """Let packets arrive and time pass until then [s]."""
         for arrived, port, packet in sorted(arrivals, key=lambda item: item[0]):
             self.wait(arrived)
-            self.push(packet, arrived, port)
+            self.push_packet(packet, arrived, port)
             self.poll(arrived)
         self.wait(START + round(until * SECOND))
         return self
 
-    def push(self, packet, arrived, port):
-        self.assembler.push(packet, arrived, port)
+    def push_packet(self, packet, arrived, port):
+        self.assembler.push_packet(packet, arrived, port)
         self.pushed += 1
 
     def wait(self, time):

@@ -76,7 +76,7 @@ class EskinCamera(Camera):
                 scan = source.read(0.1)
                 if scan is None:
                     continue
-                reading = self.pipeline.push(scan).reading
+                reading = self.pipeline.push_scan(scan).reading
                 shade = np.clip(255 * reading.pressure / self.config.white, 0, 255)
                 image = np.zeros((height, width, 3), np.uint8)
                 image[rows, columns] = np.where(reading.valid, shade, 0)[:, None]

@@ -60,7 +60,7 @@ class FeatureWindow:
         """Return how many slots later a reading is than the newest slot."""
         return (stamp - self.stamp + (SLOT_NS - 1) // 2) // SLOT_NS
 
-    def push(self, stamp: int, feature: Float[Tensor, "1 width"]) -> None:
+    def add_features(self, stamp: int, feature: Float[Tensor, "1 width"]) -> None:
         """Add the features of a reading that is in a later slot."""
         slots = self.count_slots(stamp)
         if stamp - self.stamp > MAX_GAP:
@@ -91,12 +91,14 @@ class PaperClassifier(TouchClassifier):
         self.is_classified = False
         self.answer = np.empty((2, len(vocabulary)), np.float32)
 
-    def push(self, state: TouchState, floor: Float[np.ndarray, "taxel"] | None) -> None:
+    def classify_touches(
+        self, state: TouchState, floor: Float[np.ndarray, "taxel"] | None
+    ) -> None:
         """Compute logits and probabilities at the next reading."""
         reading = state.reading
         if self.window.count_slots(reading.stamp) > 0:
             feature = self.encode(select_felt(reading, floor), reading.q)
-            self.window.push(reading.stamp, feature)
+            self.window.add_features(reading.stamp, feature)
             self.features = feature.numpy()[0]
             self.is_classified = False
         keys = self.list_keys(state)

@@ -116,7 +116,7 @@ def subscribe_joints(node: Any, mounted: MountedSkin, clock: HostClock) -> Any: 
     received = ReceivedJoints(mounted.robot)
     lock = threading.Lock()
 
-    def push(message: JointState) -> None:
+    def take_message(message: JointState) -> None:
         with lock:
             try:
                 pairs = zip(message.name, message.position, strict=True)
@@ -125,13 +125,13 @@ def subscribe_joints(node: Any, mounted: MountedSkin, clock: HostClock) -> Any: 
             except ValueError as error:
                 received.refuse(str(error))
                 return
-            received.add(dict(zip(own, q, strict=True)), clock.now())
+            received.merge_positions(dict(zip(own, q, strict=True)), clock.now())
 
     def q_at(stamp: int) -> Any:  # noqa: ANN401
         with lock:
             return received.q_at(stamp)
 
-    node.create_subscription(JointState, "/joint_states", push, SENSOR_DEPTH)
+    node.create_subscription(JointState, "/joint_states", take_message, SENSOR_DEPTH)
     return q_at
 
 

@@ -205,7 +205,7 @@ class SimulatedArm(TaskArm):
         while self.time + period <= stamp:
             self.plant.advance(self.executor, period / NS_PER_S)
             self.time += period
-            self.history.add(self.time, self.plant.q)
+            self.history.add_positions(self.time, self.plant.q)
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
         """Return the joint positions at a time [rad], interpolated between updates."""

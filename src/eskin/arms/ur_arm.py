@@ -152,7 +152,7 @@ class UrArm(TaskArm):
             if problem is not None:
                 self.executor.hold(problem)
             if status is not None:
-                self.history.add(now, np.array(status.q))
+                self.history.add_positions(now, np.array(status.q))
             if ready and problem is None:
                 self.executor.advance(max(passed, 0.0), self.scaling)
             else:

@@ -260,7 +260,7 @@ class Ros2Joints(JointSource, Closing):
         while not self.closed:
             self.arrival.wait(round(POLL * NS_PER_S))
             for sample in self.reader.take(MAX_TAKEN):
-                self.push(sample)
+                self.push_message(sample)
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
         """Return the joint positions at a time [rad].
@@ -271,7 +271,7 @@ class Ros2Joints(JointSource, Closing):
         with self.lock:
             return self.received.q_at(stamp)
 
-    def push(self, sample: Any) -> None:  # noqa: ANN401
+    def push_message(self, sample: Any) -> None:  # noqa: ANN401
         """Take the positions of a message that arrives, or count it as refused."""
         encoded = getattr(sample, "encoded", None)
         if encoded is None:  # A publisher that has left.
@@ -286,7 +286,7 @@ class Ros2Joints(JointSource, Closing):
             except (RecordingError, StructError, ValueError) as error:
                 self.received.refuse(str(error))
                 return
-            self.received.add(dict(zip(own, q, strict=True)), now)
+            self.received.merge_positions(dict(zip(own, q, strict=True)), now)
 
     def diagnose(self) -> DiagnosticStatus:
         """Return whether the positions of all joints arrive."""

@@ -110,7 +110,7 @@ class PressSummary:
         self.contacts: list[Contact] = []
         self.pressures: list[np.ndarray] = []  # of all taxels [kPa]
 
-    def add(self, state: TouchState) -> None:
+    def add_state(self, state: TouchState) -> None:
         """Add the next scan."""
         self.contacts.append(max(state.contacts, key=lambda each: each.force))
         self.pressures.append(state.reading.pressure)
@@ -235,7 +235,7 @@ class PressGuide(ABC, Generic[Press]):
 
     def push(self, scan: Scan) -> GuideEvent | None:
         """Process the next scan, and return what it has led to."""
-        state = self.state = self.pipeline.push(scan)
+        state = self.state = self.pipeline.push_scan(scan)
         ways = {fault.kind for fault in state.faults} & {"falling", "rising"}
         if ways and not self.is_turned:
             self.turn()
@@ -243,9 +243,9 @@ class PressGuide(ABC, Generic[Press]):
             return GuideEvent("turned", f"counts {verb} under pressure")
         if self.phase == "rest":
             return self.push_rest(self.pipeline.front_end.turn(scan), state)
-        taxel = self.detector.push(state)
+        taxel = self.detector.find_press(state)
         if self.is_pressed:
-            self.pressing.add(state)
+            self.pressing.add_state(state)
             return None
         ended = self.pressing
         self.pressing = PressSummary()
@@ -489,7 +489,7 @@ class CalibrationGuide(PressGuide[FingertipPress]):
             return self.restart_rest(text, scan.stamp)
         awaited = self.count_rest(scan)
         self.record.append(scan)
-        self.faults.push(scan)
+        self.faults.make_reading(scan)
         if self.rest_share < 1.0:
             return awaited
         rest = estimate_rest(self.record, self.skin)

@@ -412,7 +412,7 @@ def guide_person(
         event = guide.push(scan)
         # Which way counts go the guide finds out, and says.
         found = [each for each in dialogue.list_faults() if each.kind not in WAY_TEXTS]
-        tell_events(printer.push(scan.stamp, found, take_events()), page)
+        tell_events(printer.print_reading(scan.stamp, found, take_events()), page)
         limit = wait + guide.rest_seconds * was_rest
         # A press that goes on is waited for.
         is_late = scan.stamp - since > limit * NS_PER_S and not guide.is_pressed
@@ -434,7 +434,7 @@ def guide_person(
             if math.isfinite(wait) or event is None:
                 say(dialogue.describe_request())
         if guide.state is not None:
-            say(waiting.push(guide.state, find_awaited(guide)), page)
+            say(waiting.describe_wait(guide.state, find_awaited(guide)), page)
         if page is not None and guide.state is not None and page.wants():
             page.show(guide.state, dialogue.build_board())
         if guide.phase == "done":
@@ -502,7 +502,7 @@ class WaitReporter:
         self.highest = 0.0
         self.felt: FeltContact | None = None
 
-    def push(self, state: "TouchState", awaited: Awaited) -> str:
+    def describe_wait(self, state: "TouchState", awaited: Awaited) -> str:
         """Process a reading, and return what there is to tell; empty for nothing.
 
         Args:

@@ -164,8 +164,8 @@ def record_attempts(
         event = guide.push(scan)
         if guide.state is not None:
             check_way(guide.state.faults)
-            printer.push(scan.stamp, guide.state.faults, source.take_events())
-            say(waiting.push(guide.state, find_awaited(guide)))
+            printer.print_reading(scan.stamp, guide.state.faults, source.take_events())
+            say(waiting.describe_wait(guide.state, find_awaited(guide)))
         if event is not None:
             labels.write(guide.attempts[:-1])
             say(describe_event(event))

@@ -76,7 +76,7 @@ def run(command: ReplayCommand) -> dict[str, object]:
         found += recognizer.push(scan)
         rows += report(recording, truth, found[len(rows) :])
         if recognizer.state is not None:
-            printer.push(scan.stamp, recognizer.state.faults)
+            printer.print_reading(scan.stamp, recognizer.state.faults)
     found += recognizer.finish()
     rows += report(recording, truth, found[len(rows) :])
     printer.finish()

@@ -62,7 +62,7 @@ class EventLines:
         self.together: list[str] = []
         self.more = 0
 
-    def push(self, event: Event) -> None:
+    def print_event(self, event: Event) -> None:
         """Print an event, unless it is one of many of its kind at once."""
         is_new = self.gather(event)
         if event.patch in self.together[LISTED:]:
@@ -113,7 +113,7 @@ class SkinPrinter:
         self.reporter = FaultReporter(skin)
         self.lines: EventLines | None = None
 
-    def push(
+    def print_reading(
         self, stamp: int, faults: Sequence[Fault], events: Sequence[Event] = ()
     ) -> list[Event]:
         """Print what there is to tell of a reading, and return it.
@@ -126,7 +126,7 @@ class SkinPrinter:
         if self.lines is None:
             self.lines = EventLines(stamp)
         self.lines.pass_time(stamp)
-        return self.print_events([*events, *self.reporter.push(stamp, faults)])
+        return self.print_events([*events, *self.reporter.report_faults(stamp, faults)])
 
     def finish(self) -> list[Event]:
         """Print what is not told yet, after the last reading, and return it."""
@@ -139,7 +139,7 @@ class SkinPrinter:
         """Print events, and return them."""
         for event in events:
             if self.lines is not None:
-                self.lines.push(event)
+                self.lines.print_event(event)
         return events
 
 
@@ -168,7 +168,7 @@ class TerminalPrinter(Listener):
         if isinstance(item, Scan):
             self.lines.pass_time(item.stamp)
         elif isinstance(item, Event):
-            self.lines.push(item)
+            self.lines.print_event(item)
         elif isinstance(item, Detection | CommandEvent):
             self.lines.close()
             self.write(item)

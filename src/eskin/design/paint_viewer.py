@@ -82,7 +82,7 @@ class PaintViewer:
             self.note = ""
             match order:
                 case PaintOrder() if len(self.balls) < self.max_balls:
-                    self.add(order)
+                    self.add_paint(order)
                 case PaintOrder():
                     self.note = (
                         f"not painted: {self.max_balls} balls are painted, and no more "
@@ -97,7 +97,7 @@ class PaintViewer:
                     self.closed.set()
             self.show()
 
-    def add(self, order: PaintOrder) -> None:
+    def add_paint(self, order: PaintOrder) -> None:
         """Add a ball, or a matrix where it has room."""
         if order.matrix is not None:
             self.note = f"the matrix is laid on {order.link}, which takes seconds"

@@ -82,7 +82,7 @@ class Assembler:
         grid = PeriodGrid(now, rate, grace)
         self.timeline = ScanTimeline(grid, self.skin.count, self.streams, self.outcomes)
 
-    def push(
+    def push_packet(
         self, packet: Packet, arrived: int, port: str, sent: int | None = None
     ) -> None:
         """Process a packet that arrived from a port or address.
@@ -103,7 +103,7 @@ class Assembler:
             outcome = self.handle_echo(packet, arrived, port, sent)
         else:
             outcome = "foreign"
-        self.outcomes.add(outcome)
+        self.outcomes.count_outcome(outcome)
 
     def handle_hello(self, hello: Hello, arrived: int, port: str) -> PacketOutcome:
         """Process a hello; return its outcome."""
@@ -169,7 +169,7 @@ class Assembler:
         clock = stream.clock
         known = clock.epoch is not None
         content = zlib.crc32(data.counts.tobytes(), data.first)
-        scan_time = clock.push(data.device_time, data.scan, arrived, content)
+        scan_time = clock.find_scan_time(data.device_time, data.scan, arrived, content)
         if clock.problem != stream.problem:
             self.report_problem(stream, arrived)
         if scan_time is None:
@@ -190,7 +190,7 @@ class Assembler:
     ) -> PacketOutcome:
         """Add accepted data to its scan; return its outcome so far."""
         number = scan_time.number
-        novelty = stream.numbers.add(number)
+        novelty = stream.numbers.add_scan_number(number)
         if novelty == "old":
             return "late"
         if len(data.counts) == stream.slot.taxels:
@@ -206,7 +206,7 @@ class Assembler:
             self.outcomes.settle("incomplete", stream.drop_partial(0))
             return "waiting"
         del stream.partial[number]
-        stream.complete.add(number)
+        stream.complete.add_scan_number(number)
         outcome = self.place_scan(stream, scan_time, scan.counts, scan.packets, arrived)
         self.outcomes.settle(outcome, scan.packets - 1)
         return outcome
@@ -222,7 +222,7 @@ class Assembler:
         """Place a complete scan in its period; return its packets' outcome so far."""
         if self.timeline is None:
             return "held"
-        change = stream.rate_meter.push(scan_time.stamp)
+        change = stream.rate_meter.count_scan(scan_time.stamp)
         if change is not None:
             self.report_rate(stream, change, arrived)
         return self.timeline.place(stream, scan_time, counts, packets, arrived)

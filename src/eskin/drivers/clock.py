@@ -120,7 +120,7 @@ class LateRun:
         """Start in time."""
         self.since: int | None = None
 
-    def push(self, late: bool, arrived: int) -> bool:
+    def check_late(self, late: bool, arrived: int) -> bool:
         """Add a packet; return whether packets have been late for long enough."""
         if not late:
             self.since = None
@@ -170,7 +170,7 @@ class ClockOffsetEstimator:
         self.best_residual = offset - self.drift * elapsed
         self.bucket_end = arrived + BUCKET
 
-    def push(self, device: int, arrived: int) -> int:
+    def estimate_host_time(self, device: int, arrived: int) -> int:
         """Return the host time of a packet [ns], which is never after its arrival.
 
         Args:
@@ -191,7 +191,7 @@ class ClockOffsetEstimator:
         late = self.excess > (LATE_END if self.is_late else LATE)
         since = self.late_run.since
         late |= since is not None and arrived - since > MAX_LATE_TIME
-        is_late = self.late_run.push(late, arrived)
+        is_late = self.late_run.check_late(late, arrived)
         self.is_late = late and (self.is_late or is_late)
         return not late
 
@@ -264,7 +264,7 @@ class EchoBounds:
     """
 
     def __init__(self, device_time: int, sent: int, received: int) -> None:
-        """Start with an echo; arguments as for `push`."""
+        """Start with an echo; arguments as for `add_echo`."""
         self.device = device_time
         self.elapsed = 0
         self.restart(EchoInterval(0, sent, received))
@@ -275,7 +275,7 @@ class EchoBounds:
         self.kept = deque([echo], ECHOES)
         self.drift_range = (-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR)
 
-    def push(self, device_time: int, sent: int, received: int) -> None:
+    def add_echo(self, device_time: int, sent: int, received: int) -> None:
         """Add an echo.
 
         Args:

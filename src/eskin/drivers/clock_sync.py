@@ -63,7 +63,7 @@ class ScanNumberWindow:
         self.seen = ALL_SEEN
         self.gone = 0
 
-    def add(self, number: int) -> Novelty:
+    def add_scan_number(self, number: int) -> Novelty:
         """Add an unwrapped number; return whether it is new, seen before or too old."""
         if self.highest is None:
             self.first = self.highest = number
@@ -169,7 +169,7 @@ class ClockEpoch:
             self.number = number
             self.arrived = arrived
             self.scans += 1
-        return ScanTime(number, self.offset.push(device, arrived))
+        return ScanTime(number, self.offset.estimate_host_time(device, arrived))
 
     @property
     def is_settled(self) -> bool:
@@ -195,7 +195,7 @@ class PacketMemory:
         self.former: bytearray | None = None
         self.count = 0
 
-    def add(self, device_time: int, scan: int, content: int) -> bool:
+    def add_packet(self, device_time: int, scan: int, content: int) -> bool:
         """Add a packet; return whether it was there already."""
         digest = hash((device_time, scan, content)) % DIGEST_BITS
         place = digest >> 3
@@ -249,7 +249,7 @@ class DeviceClock:
         self.problem: Doubt | None = None
         self.lag = 0
 
-    def push(
+    def find_scan_time(
         self, device_time: int, scan: int, arrived: int, content: int = 0
     ) -> ScanTime | None:
         """Return number and start of a packet's scan; None while they are not known.
@@ -260,7 +260,7 @@ class DeviceClock:
             arrived: arrival by the host's clock [ns].
             content: digest of what else is in the packet, to recognise a replay.
         """
-        known = self.memory.add(device_time, scan, content)
+        known = self.memory.add_packet(device_time, scan, content)
         epoch = self.epoch
         if epoch is not None:
             step = epoch.compute_step(device_time, scan, arrived)
@@ -284,7 +284,7 @@ class DeviceClock:
         if self.echoes is None:
             self.echoes = EchoBounds(device_time, sent, received)
         else:
-            self.echoes.push(device_time, sent, received)
+            self.echoes.add_echo(device_time, sent, received)
         if self.epoch is not None:
             self.epoch.offset.drift_range = self.echoes.drift_range
 
@@ -301,7 +301,7 @@ class DeviceClock:
             wrong = self.doubt is not None or self.lag > MAX_AGE
             if not wrong:
                 self.problem = None
-            if self.late_run.push(wrong, arrived):
+            if self.late_run.check_late(wrong, arrived):
                 vague = high - low >= MAX_UNCERTAINTY
                 self.problem = self.doubt or ("untimed" if vague else "late")
         else:
@@ -355,7 +355,10 @@ class DeviceClock:
         return bounds is not None and arrived - bounds[1] <= MAX_LATE
 
     def matches(self, device_time: int, arrived: int) -> bool:
-        """Return whether a packet fits the accepted clock; arguments as for `push`."""
+        """Return whether a packet fits the accepted clock.
+
+        The arguments are those of `find_scan_time`.
+        """
         epoch = self.epoch
         if epoch is None:
             return False

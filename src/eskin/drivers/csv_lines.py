@@ -336,7 +336,7 @@ class LineDeframer(Framing):
         self.other = b""
         self.skipping = True
 
-    def push(self, chunk: bytes) -> list[bytes]:
+    def push_chunk(self, chunk: bytes) -> list[bytes]:
         """Return the lines that end in this chunk, without their ends."""
         self.bytes += len(chunk)
         if chunk and self.other:

@@ -98,7 +98,7 @@ class LineBurst:
         self.count = 0
         self.past: deque[tuple[int, int]] = deque(maxlen=MAX_BURSTS)
 
-    def push(self, count: int, now: int) -> list[int]:
+    def estimate_stamps(self, count: int, now: int) -> list[int]:
         """Return when some lines that arrive now were made [ns]."""
         if not count:
             return []
@@ -196,7 +196,7 @@ class MatrixLine:
         """Numbers of counts that a scan may have: taxels, or cells."""
         return self.taxels, self.cells
 
-    def push(self, lines: Sequence[bytes], now: int) -> list[PatchSample]:
+    def push_lines(self, lines: Sequence[bytes], now: int) -> list[PatchSample]:
         """Return the samples of the lines that were read at a time [ns].
 
         Where the age of a line is not known, since this computer was busy, its sample
@@ -212,7 +212,7 @@ class MatrixLine:
         found = [(line, self.parse(line, now)) for line in lines]
         parsed = [(line, one) for line, one in found if one is not None]
         samples = []
-        stamps = self.burst.push(len(parsed), now)
+        stamps = self.burst.estimate_stamps(len(parsed), now)
         for stamp, (line, (time, counts, received)) in zip(stamps, parsed, strict=True):
             if time is not None:
                 stamp = self.time_line(line, time, counts, now)
@@ -235,7 +235,7 @@ class MatrixLine:
         """Return when a line was made by the host's clock; None if not believed."""
         self.number = (self.number + 1) % SCAN_NUMBER_SPAN
         content = zlib.crc32(counts.tobytes())
-        found = self.device_clock.push(time, self.number, now, content)
+        found = self.device_clock.find_scan_time(time, self.number, now, content)
         if found is not None and self.device_clock.doubt is None:
             self.unbelieved_at = None
             return found.stamp
@@ -366,7 +366,7 @@ class MatrixLine:
         if not self.form.base:
             check_powers(words[is_timed:])
             if not self.is_running:
-                self.base_test.push(words[is_timed:])
+                self.base_test.add_words(words[is_timed:])
         return self.form.convert(words), is_timed
 
     def drop_ends(self, words: list[bytes], is_timed: bool) -> None:
@@ -402,8 +402,8 @@ class MatrixLine:
             return
         first = self.first_number
         if first.unit is None or (is_timed and first.unit != self.unit):
-            first.push(numbers[0], now, is_timed)
-        self.end_test.push(numbers, now)
+            first.add_number(numbers[0], now, is_timed)
+        self.end_test.add_numbers(numbers, now)
         rising = self.end_test.rising
         if rising == "last" and self.form.time == "ignore" and not self.form.last:
             raise LineError(
@@ -609,7 +609,7 @@ class MatrixLine:
         errors: list[LineError] = []
         for now, line in self.kept:
             trial.empty_at = now
-            trial.push([line], now)
+            trial.push_lines([line], now)
             if trial.refused and trial.unread is not None:
                 errors.append(trial.unread[1])
             trial.refused = 0
@@ -699,7 +699,7 @@ class CsvMatrix(SampleDevice):
         samples = []
         for file, (port, line) in files.items():
             if file in readable:
-                samples += line.push(port.read() or (), now)
+                samples += line.push_lines(port.read() or (), now)
             else:
                 line.empty_at = now
         return samples

@@ -59,7 +59,7 @@ class NumberTest:
         self.numbers: list[float] = []
         self.arrivals: list[int] = []
 
-    def push(self, number: float, arrived: int, is_time: bool = False) -> None:
+    def add_number(self, number: float, arrived: int, is_time: bool = False) -> None:
         """Add the number of a line, of which is said whether it is a time."""
         if self.numbers and number < self.numbers[-1]:
             # A device that starts over; or a count.
@@ -123,7 +123,7 @@ class StepTest:
         self.fitted_at = 0
         self.fitting = 0
 
-    def push(self, number: float, arrived: int, span: int) -> None:
+    def add_number(self, number: float, arrived: int, span: int) -> None:
         """Add the number of a line.
 
         Args:
@@ -164,10 +164,10 @@ class EndTest:
         self.span = span
         self.tests = {place: StepTest() for place in (0, 1, -2, -1)}
 
-    def push(self, numbers: Sequence[float], arrived: int) -> None:
+    def add_numbers(self, numbers: Sequence[float], arrived: int) -> None:
         """Add the numbers of a line."""
         for place, test in self.tests.items():
-            test.push(numbers[place], arrived, self.span)
+            test.add_number(numbers[place], arrived, self.span)
 
     @property
     def rising(self) -> Rising:
@@ -196,7 +196,7 @@ class BaseTest:
         """Note whether a line of some size has digits of A to F in several numbers."""
         self.lettered.append(len(find_hexadecimal(body)) in sizes)
 
-    def push(self, words: Sequence[bytes]) -> None:
+    def add_words(self, words: Sequence[bytes]) -> None:
         """Add the words of a line.
 
         Raises:

@@ -165,9 +165,9 @@ class DeviceSource(Source):
                 continue
             result = self.sessions.authenticate(packet, data, arrived, port)
             if result.refused is None:
-                self.assembler.push(packet, arrived, result.port, result.sent)
+                self.assembler.push_packet(packet, arrived, result.port, result.sent)
                 continue
-            self.assembler.outcomes.add(result.refused)
+            self.assembler.outcomes.count_outcome(result.refused)
             if result.reason:
                 self.log.count("unauthenticated", "packet", result.reason)
 
@@ -179,7 +179,7 @@ class DeviceSource(Source):
     def count_invalid(self, error: PacketError, port: str) -> None:
         """Count bytes that are not a packet of this version."""
         unknown = error.reason in ("version", "kind")
-        self.assembler.outcomes.add("unknown" if unknown else "damaged")
+        self.assembler.outcomes.count_outcome("unknown" if unknown else "damaged")
         text = f"at {port} with a wrong {error.reason}; check cable and baud"
         if unknown:
             text = f"at {port} of another {error.reason}; update eskin"

@@ -93,7 +93,7 @@ class EventLog:
         self.events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self.repeated: dict[tuple[EventKind, str, str, str | None], RepeatedEvent] = {}
 
-    def add(
+    def log_event(
         self, stamp: int, kind: EventKind, text: str, patch: str | None = None
     ) -> None:
         """Add an event."""
@@ -130,7 +130,7 @@ class EventLog:
             )
             if event.count and is_due:
                 counted = format_count(event.count, noun)
-                self.add(now, kind, f"{counted} {text}{event.detail}", patch)
+                self.log_event(now, kind, f"{counted} {text}{event.detail}", patch)
                 event.count = 0
                 event.reported = now
 

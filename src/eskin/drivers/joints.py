@@ -104,7 +104,7 @@ class JointHistory:
         self.stamps = deque([stamp], size)
         self.positions = deque([np.array(q, np.float64)], size)
 
-    def add(self, stamp: int, q: Float[np.ndarray, "joint"]) -> None:
+    def add_positions(self, stamp: int, q: Float[np.ndarray, "joint"]) -> None:
         """Add positions [rad] at a time later than the last [ns since the epoch]."""
         if stamp > self.stamps[-1]:
             self.stamps.append(stamp)
@@ -146,7 +146,7 @@ class ReceivedJoints:
         self.accepted = self.refused = 0
         self.reason = ""
 
-    def add(self, given: Mapping[str, float], now: int) -> None:
+    def merge_positions(self, given: Mapping[str, float], now: int) -> None:
         """Add positions of some joints [rad] that arrived at a time [ns].
 
         Args:
@@ -159,7 +159,7 @@ class ReceivedJoints:
             self.last_received[name] = now
         if not self.missing:
             self.history = self.history or JointHistory(now, self.q)
-            self.history.add(now, self.q)
+            self.history.add_positions(now, self.q)
 
     def refuse(self, reason: str) -> None:
         """Count a message that cannot be used."""
@@ -259,9 +259,9 @@ class UdpJoints(JointSource, Closing):
                 continue
             except OSError:
                 return
-            self.push(data, address[:2], self.clock.now())
+            self.push_datagram(data, address[:2], self.clock.now())
 
-    def push(self, data: bytes, sender: tuple[str, int], now: int) -> None:
+    def push_datagram(self, data: bytes, sender: tuple[str, int], now: int) -> None:
         """Use a datagram that arrived at a time [ns], or count it as refused."""
         with self.lock:
             try:
@@ -271,7 +271,9 @@ class UdpJoints(JointSource, Closing):
                 self.received.refuse(str(error))
                 return
             self.sender = sender
-            self.received.add(dict(zip(self.robot.joint_names, q, strict=True)), now)
+            self.received.merge_positions(
+                dict(zip(self.robot.joint_names, q, strict=True)), now
+            )
         self.arrived.set()
 
     def check_sender(self, sender: tuple[str, int], now: int) -> None:
@@ -353,10 +355,10 @@ class PoseLog:
     def report(self, stamp: int, problem: str | None) -> None:
         """Log why joint positions are not known, or that they are again."""
         if problem is None:
-            self.log.add(stamp, "posed", "joint positions arrive again")
+            self.log.log_event(stamp, "posed", "joint positions arrive again")
             return
         text = f"{problem}; no taxel is used before they come; check what sends them"
-        self.log.add(stamp, "unposed", text)
+        self.log.log_event(stamp, "unposed", text)
 
 
 def parse_positions(data: bytes, robot: Robot) -> Float[np.ndarray, "joint"]:

@@ -79,7 +79,7 @@ class PacketCounts:
         outcomes: tuple[PacketOutcome, ...] = get_args(PacketOutcome)
         self.counts = dict.fromkeys(outcomes, 0)
 
-    def add(self, outcome: PacketOutcome, packets: int = 1) -> None:
+    def count_outcome(self, outcome: PacketOutcome, packets: int = 1) -> None:
         """Count new packets under an outcome."""
         self.counts[outcome] += packets
 
@@ -349,7 +349,7 @@ class ModuleRegistry:
         self.log = log
         counts = np.bincount(skin.patch_index, minlength=len(skin.patches))
         self.slots = {
-            patch.address: AddressSlot(patch, int(count), log.add)
+            patch.address: AddressSlot(patch, int(count), log.log_event)
             for patch, count in zip(skin.patches, counts, strict=True)
         }
         self.unknown_addresses: set[int] = set()
@@ -375,7 +375,7 @@ class ModuleRegistry:
             return
         unknown.add(address)
         known = ", ".join(str(known) for known in sorted(self.slots))
-        self.log.add(
+        self.log.log_event(
             arrived,
             "misfit",
             f"address {address} at {port} is none of this skin; allowed are {known}; "

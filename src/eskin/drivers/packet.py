@@ -405,7 +405,7 @@ class Framing(ABC):
         """Discard the open frame; the counters go on."""
 
     @abstractmethod
-    def push(self, chunk: bytes) -> list[bytes]:
+    def push_chunk(self, chunk: bytes) -> list[bytes]:
         """Return what ends in this chunk, without framing."""
 
 
@@ -423,7 +423,7 @@ class Deframer(Framing):
         self.skipping = False
         self.is_text = False
 
-    def push(self, chunk: bytes) -> list[bytes]:
+    def push_chunk(self, chunk: bytes) -> list[bytes]:
         """Return the packets that end in this chunk; their CRC is not yet checked."""
         self.bytes += len(chunk)
         *ends, start = chunk.split(END)

@@ -151,7 +151,7 @@ class PlayedSource(Source):
             self.played.skip(self.skipping)
         duration = format_duration(self.skipping / NS_PER_S)
         text = f"skipped {duration} without readings"
-        self.log.add(stamp, "lost", text)
+        self.log.log_event(stamp, "lost", text)
         self.skipping = 0
 
     @property

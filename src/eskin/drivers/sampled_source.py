@@ -247,7 +247,7 @@ class SampledSource(Source):
             wait = MAX_WAIT if end is None else min(MAX_WAIT, (end - now) / NS_PER_S)
             wait = min(wait, max(self.due - now, 0) / NS_PER_S)
             for sample in self.receive(max(wait, 0.0)):
-                self.push(sample)
+                self.push_sample(sample)
             self.poll(self.clock.now())
             if end is not None and now >= end:
                 break
@@ -266,7 +266,7 @@ class SampledSource(Source):
             except OSError:
                 return []
             self.is_open = True
-            self.log.add(now, "returned", f"{self.uri} is back")
+            self.log.log_event(now, "returned", f"{self.uri} is back")
         try:
             samples = self.device.receive(timeout)
             now = self.clock.now()
@@ -282,10 +282,10 @@ class SampledSource(Source):
             self.received_at = None
             self.due = self.clock.now()
             text = f"{self.uri} is gone ({error}); plug it in again"
-            self.log.add(self.clock.now(), "silent", text)
+            self.log.log_event(self.clock.now(), "silent", text)
             return []
 
-    def push(self, sample: PatchSample) -> None:
+    def push_sample(self, sample: PatchSample) -> None:
         """Take a sample, unless it is too old."""
         now = self.clock.now()
         patch = sample.patch
@@ -315,7 +315,7 @@ class SampledSource(Source):
             name = self.skin.patches[patch].id
             known = patch in self.last_received
             kind, text = ("returned", "again") if known else ("appeared", "data")
-            self.log.add(now, kind, f"patch '{name}' sends {text}", name)
+            self.log.log_event(now, kind, f"patch '{name}' sends {text}", name)
             self.sending.add(patch)
         self.last_received[patch] = now
 
@@ -327,7 +327,7 @@ class SampledSource(Source):
             self.sending.discard(patch)
             name = self.skin.patches[patch].id
             text = f"patch '{name}' no longer sends; check its cable"
-            self.log.add(now, "silent", text, name)
+            self.log.log_event(now, "silent", text, name)
         if self.pending and self.sending <= self.pending.keys():
             self.emit(now)
         elif now >= self.due:

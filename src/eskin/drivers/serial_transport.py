@@ -88,7 +88,7 @@ class SerialPort:
         except OSError:
             self.close()
             return None
-        return self.deframer.push(chunk)
+        return self.deframer.push_chunk(chunk)
 
     def send(self, packet: bytes) -> None:
         """Write a packet without waiting; what does not fit is lost.
@@ -215,7 +215,7 @@ class SerialTransport(Transport):
         now = self.clock.now()
         for path, port in self.ports.items():
             if port.retry(now):
-                self.log.add(now, "returned", f"port {path} is back")
+                self.log.log_event(now, "returned", f"port {path} is back")
         open_ports = [port for port in self.ports.values() if port.line is not None]
         if len(open_ports) < len(self.ports):
             timeout = min(timeout, RETRY_INTERVAL / NS_PER_S)
@@ -229,10 +229,10 @@ class SerialTransport(Transport):
                     f"port {port.path} sends lines of text, and no packets; "
                     f"csv:{port.path} reads lines of numbers"
                 )
-                self.log.add(arrived, "damaged", text)
+                self.log.log_event(arrived, "damaged", text)
             if found is None:
                 text = f"port {port.path} is gone; plug it in again"
-                self.log.add(arrived, "silent", text)
+                self.log.log_event(arrived, "silent", text)
             for packet in found or ():
                 packets.append(ReceivedPacket(port.path, arrived, packet))
         return packets

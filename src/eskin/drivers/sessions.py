@@ -177,7 +177,7 @@ class CounterWindow:
         self.highest = -1
         self.seen = 0
 
-    def add(self, counter: int) -> Freshness:
+    def add_counter(self, counter: int) -> Freshness:
         """Add the counter of an authentic packet; return whether it is new."""
         ahead = counter - self.highest
         if ahead > 0:
@@ -347,7 +347,7 @@ class HostSessions:
             return refuse(port, "with a wrong seal; compare the key of patch and host")
         if isinstance(packet, Request):
             return AuthResult("foreign")
-        freshness = session.window.add(counter)
+        freshness = session.window.add_counter(counter)
         if freshness != "new":
             return AuthResult(freshness)
         return self.take_authentic(session, packet, arrived)

@@ -117,7 +117,7 @@ class ShearModules(SampleDevice):
             self.refuse(text, error)
             return []
         self.counts["messages"] += 1
-        scan = self.server_clock.push(
+        scan = self.server_clock.find_scan_time(
             round(time * US_PER_S) % DEVICE_TIME_SPAN,
             number % SCAN_NUMBER_SPAN,
             now,

@@ -53,7 +53,7 @@ class ScanRateMeter:
         nominal = self.nominal or NS_PER_S
         return max(NS_PER_S, MIN_RATE_SCANS * NS_PER_S // nominal)
 
-    def push(self, stamp: int) -> RateChange | None:
+    def count_scan(self, stamp: int) -> RateChange | None:
         """Count a scan that began at a time [ns]; return a change of `slow`, if any."""
         start = self.start
         if start is None or not 0 <= stamp - start < 2 * self.window:

@@ -57,7 +57,7 @@ class Stats:
     low: Any = np.inf
     high: Any = -np.inf
 
-    def add(self, values: Float[np.ndarray, "frame value"]) -> None:
+    def add_frames(self, values: Float[np.ndarray, "frame value"]) -> None:
         """Add frames."""
         self.count += len(values)
         self.total = self.total + values.sum(axis=0)
@@ -105,20 +105,24 @@ class DatasetPlan:
         robot = self.mounted.robot
         parts = ("x", "y", "z", "qw", "qx", "qy", "qz")
         names = [f"{robot.link_names[n]}.{p}" for n in self.links for p in parts]
-        self.add(f"{TACTILE}.pressure", "float32", skin.count, None)
-        self.add(f"{TACTILE}.valid", "bool", skin.count, None)
+        self.add_feature(f"{TACTILE}.pressure", "float32", skin.count, None)
+        self.add_feature(f"{TACTILE}.valid", "bool", skin.count, None)
         if skin.has_shear:
-            self.add(f"{TACTILE}.shear", "float32", 2 * skin.count, None)
-        self.add(f"{TACTILE}.link_poses", "float32", len(names), names)
+            self.add_feature(f"{TACTILE}.shear", "float32", 2 * skin.count, None)
+        self.add_feature(f"{TACTILE}.link_poses", "float32", len(names), names)
         if robot.joint_names:
-            self.add(STATE, "float32", len(robot.joint_names), list(robot.joint_names))
-        self.add("annotation.gesture", "int64", 1, ["gesture"])
-        self.add("annotation.detected", "int64", 1, ["gesture"])
-        self.add("timestamp", "float32", 1, None)
+            self.add_feature(
+                STATE, "float32", len(robot.joint_names), list(robot.joint_names)
+            )
+        self.add_feature("annotation.gesture", "int64", 1, ["gesture"])
+        self.add_feature("annotation.detected", "int64", 1, ["gesture"])
+        self.add_feature("timestamp", "float32", 1, None)
         for name in COUNTERS:
-            self.add(name, "int64", 1, None)
+            self.add_feature(name, "int64", 1, None)
 
-    def add(self, name: str, dtype: str, size: int, names: list[str] | None) -> None:
+    def add_feature(
+        self, name: str, dtype: str, size: int, names: list[str] | None
+    ) -> None:
         """Add a feature of one dimension."""
         self.features[name] = {"dtype": dtype, "shape": [size], "names": names}
 
@@ -171,7 +175,7 @@ def write_lerobot(
                     frames["task_index"] = np.full((count, 1), task_index)
                     end += count
                     for name, values in frames.items():
-                        stats[name].add(values.astype(np.float64))
+                        stats[name].add_frames(values.astype(np.float64))
                     columns = [build_column(arrow, frames[n], plan, n) for n in total]
                     writer.write_table(arrow.Table.from_arrays(columns, schema=schema))
             for name, each in stats.items():
@@ -273,11 +277,11 @@ def split_episodes(
         start, end = recording.runs[number]
         if start < end:
             own = [label for label in labels if label.is_within(start, end)]
-            states = ((scan, pipeline.push(scan).reading) for scan in scans)
+            states = ((scan, pipeline.push_scan(scan).reading) for scan in scans)
             yield name_task(own), list_frames(recording, states, own, plan)
         else:
             for scan in scans:
-                pipeline.push(scan)
+                pipeline.push_scan(scan)
 
 
 def list_frames(

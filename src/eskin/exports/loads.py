@@ -133,7 +133,7 @@ def measure_loads(recording: Recording, limits: Limits) -> RecordingLoads:
     invalid = np.zeros(skin.count, np.int64)
     stamps = []
     for scan in track_progress(recording.scans(), "readings", recording.count):
-        state = pipeline.push(scan)
+        state = pipeline.push_scan(scan)
         stamps.append(scan.stamp)
         invalid += ~state.reading.valid
         is_clipped = (

@@ -99,15 +99,15 @@ def list_rows(
     pipeline = TouchPipeline(mounted, recording.calibration)
     labels = select_labels(recording.labels)
 
-    def add(found: tuple[Touch, ...]) -> None:
+    def add_touches(found: tuple[Touch, ...]) -> None:
         kept = [touch for touch in found if touch.merged_into is None]
         touches.extend(describe_touch(recording, touch, labels) for touch in kept)
 
     for scan in recording.scans():
-        state = pipeline.push(scan)
-        add(state.closed_touches)
+        state = pipeline.push_scan(scan)
+        add_touches(state.closed_touches)
         yield describe_reading(recording, scan, state, labels)
-    add(pipeline.finish())
+    add_touches(pipeline.finish())
 
 
 def build_schema(arrow: Any, columns: Sequence[tuple[str, Any]]) -> Any:  # noqa: ANN401

@@ -160,7 +160,7 @@ class LabelAgreement:
         """Number of readings scored."""
         return int(self.confusion.sum())
 
-    def add(
+    def add_recording(
         self,
         truth: Sequence[Label],
         found: Sequence[Label],
@@ -309,7 +309,7 @@ def compute_readings(
     mounted = mounted or MountedSkin(recording.skin, recording.load_robot())
     pipeline = TouchPipeline(mounted, recording.calibration, config)
     for scan in recording.scans():
-        yield pipeline.push(scan).reading
+        yield pipeline.push_scan(scan).reading
 
 
 def compute_peak_pressures(

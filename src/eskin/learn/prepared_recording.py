@@ -115,9 +115,9 @@ def gather_sequences(
     sequences: dict[int, TouchSequence] = {}
     scans = transform.transform_scans(recording) if transform else recording.scans()
     for scan in scans:
-        state = touches.push(scan)
+        state = touches.push_scan(scan)
         centres = find_contact_centres(state)
-        for key, batch in stream.push(state).items():
+        for key, batch in stream.build_graphs(state).items():
             sequence = sequences.setdefault(key, TouchSequence(not skin.calibrated))
             centre, force = centres.get(key, (NAN_POSITION, 0.0))
             sequence.graphs.append(batch)

@@ -62,7 +62,9 @@ class TouchClassifier(ABC):
         return self.probabilities
 
     @abstractmethod
-    def push(self, state: TouchState, floor: Float[np.ndarray, "taxel"] | None) -> None:
+    def classify_touches(
+        self, state: TouchState, floor: Float[np.ndarray, "taxel"] | None
+    ) -> None:
         """Compute logits and probabilities at the next reading.
 
         Args:
@@ -105,11 +107,13 @@ class GraphClassifier(TouchClassifier):
         """Calibrated probabilities of that layer."""
         return self.stream.closing_probabilities
 
-    def push(self, state: TouchState, floor: Float[np.ndarray, "taxel"] | None) -> None:
+    def classify_touches(
+        self, state: TouchState, floor: Float[np.ndarray, "taxel"] | None
+    ) -> None:
         """Compute logits and probabilities at the next reading."""
         nodes = self.graphs.find_touch_nodes(state)
         if nodes is not None:
-            self.stream.push(state.reading, nodes)
+            self.stream.compute_logits(state.reading, nodes)
         self.logits = self.stream.logits
         self.probabilities = self.stream.probabilities
 

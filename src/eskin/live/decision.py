@@ -103,7 +103,7 @@ class DecisionFilter:
         self.change_ends = change_ends
         self.pending: dict[int, PendingDecision] = {}
 
-    def push(
+    def make_decisions(
         self,
         stamp: int,
         touches: Sequence[AnyTouch],

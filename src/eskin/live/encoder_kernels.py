@@ -146,7 +146,7 @@ def add_bias(x: Rows, bias: Channels) -> None:
 
 
 @compiled_fastmath
-def add(x: Rows, out: Rows) -> None:
+def add_rows(x: Rows, out: Rows) -> None:
     """Add `x` to `out`."""
     for i in range(x.shape[0]):
         for c in range(x.shape[1]):
@@ -332,11 +332,11 @@ def run_layer(
     hidden = workspace.of_source[:targets]
     matmul(u[:targets], weights.update_hidden_weight[layer, :width], hidden)
     matmul(messages, weights.update_hidden_weight[layer, width:], of_target)
-    add(of_target, hidden)
+    add_rows(of_target, hidden)
     activate(hidden, weights.update_hidden_bias[layer])
     matmul(hidden, weights.update_out_weight[layer], of_target)
     add_bias(of_target, weights.update_out_bias[layer])
-    add(of_target, workspace.v[:targets])
+    add_rows(of_target, workspace.v[:targets])
     for i in range(targets):
         node = workspace.nodes[i]
         for d in range(3):

@@ -44,7 +44,7 @@ def compile_network() -> None:
     pressure = np.zeros(count, np.float32)
     valid = np.ones(count, bool)
     nodes = TouchNodes(NO_TAXELS, NO_TAXELS, NO_HISTORY)
-    stream.push(Reading(0, pressure, valid, np.zeros(joints)), {1: nodes})
+    stream.compute_logits(Reading(0, pressure, valid, np.zeros(joints)), {1: nodes})
 
 
 def start_helper() -> subprocess.Popen | None:

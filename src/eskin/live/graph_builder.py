@@ -272,7 +272,7 @@ class GraphStream:
         self.last: dict[int, TouchNodes] = {}
         self.due = LONG_AGO
 
-    def push(self, state: TouchState) -> dict[int, GraphBatch]:
+    def build_graphs(self, state: TouchState) -> dict[int, GraphBatch]:
         """Return the graph of each sequence at the next reading, by key.
 
         A touch between two contacts has a graph without pressure. There is none if the

@@ -239,7 +239,7 @@ class LogitStream:
         self.parts: Packed
         self.states: dict[int, Packed] = {}
 
-    def push(self, reading: Reading, nodes: Mapping[int, TouchNodes]) -> None:
+    def compute_logits(self, reading: Reading, nodes: Mapping[int, TouchNodes]) -> None:
         """Compute the logits at the next reading from the nodes of each sequence.
 
         A sequence that is not among `nodes` has ended.

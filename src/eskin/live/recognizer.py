@@ -168,11 +168,11 @@ class Recognizer:
         self.check_input(sample)
         classifier = self.classifier
         if isinstance(sample, Scan):
-            state = self.touches.push(sample)
-            classifier.push(state, self.touches.front_end.floor)
+            state = self.touches.push_scan(sample)
+            classifier.classify_touches(state, self.touches.front_end.floor)
         else:
             state = self.touches.push_reading(sample)
-            classifier.push(state, None)
+            classifier.classify_touches(state, None)
         self.state = state
         self.logits = classifier.logits
         keys = {touch.id: classifier.get_key(touch.id) for touch in state.open}
@@ -180,7 +180,7 @@ class Recognizer:
         at_closing = classifier.closing_probabilities
         self.probabilities = {touch: by_key[key] for touch, key in keys.items()}
         self.directions.update(state)
-        decisions = self.decision_filter.push(
+        decisions = self.decision_filter.make_decisions(
             state.reading.stamp,
             state.open,
             state.closed,

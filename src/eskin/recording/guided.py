@@ -180,7 +180,7 @@ class RecordingGuide:
         """Process the next scan, and return what it has led to."""
         if self.state is not None:
             self.note_gap(self.state.reading.stamp, scan.stamp)
-        state = self.state = self.pipeline.push(scan)
+        state = self.state = self.pipeline.push_scan(scan)
         scan = self.pipeline.front_end.turn(scan)
         event = self.push_touch(scan, state) if self.is_ready else self.push_rest(state)
         if event is not None and event.kind != "began":
@@ -204,10 +204,10 @@ class RecordingGuide:
             if not state.open:
                 return None
             self.touch = self.begin(min(touch.onset for touch in state.open))
-            self.touch.add(scan, state, self.calibration.full_scale)
+            self.touch.add_scan(scan, state, self.calibration.full_scale)
             return AttemptEvent("began", goes_on=self.goes_on)
         if state.open or state.tracking.held:
-            self.touch.add(scan, state, self.calibration.full_scale)
+            self.touch.add_scan(scan, state, self.calibration.full_scale)
             return None
         ended = self.touch
         ended.end(state.reading.stamp)
@@ -294,7 +294,7 @@ class TouchSummary:
         self.taxels = self.pieces = self.saturated = 0
         self.strongest: Contact | None = None
 
-    def add(self, scan: Scan, state: TouchState, full_scale: int) -> None:
+    def add_scan(self, scan: Scan, state: TouchState, full_scale: int) -> None:
         """Add a scan and its contacts."""
         contacts = state.contacts
         stamp = state.reading.stamp

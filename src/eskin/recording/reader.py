@@ -345,7 +345,7 @@ def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Rec
     stream = McapReader(path)
     parser = RecordingParser(path)
     for item in stream:
-        parser.add(item)
+        parser.add_item(item)
     recording = parser.build_recording(stream.truncated)
     if overrides.urdf is not None:
         recording = replace(recording, urdf=overrides.urdf)
@@ -421,7 +421,7 @@ class RecordingParser:
         self.events: list[EventRecord] = []
         self.stamps = array("q")
 
-    def add(self, item: object) -> None:
+    def add_item(self, item: object) -> None:
         """Add one item of the file."""
         if isinstance(item, MetadataItem) and item.name == RECORD_NAME:
             self.facts = item.metadata

@@ -153,7 +153,7 @@ class FaultReporter:
         self.known: tuple[Fault, ...] = ()
         self.last = 0
 
-    def push(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:
+    def report_faults(self, stamp: int, faults: Sequence[Fault]) -> list[Event]:
         """Return the events of a reading with some stamp [ns] and faults.
 
         A fault that becomes part of a larger one, such as a taxel whose row fails, does

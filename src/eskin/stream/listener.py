@@ -288,7 +288,7 @@ class DurationHistogram:
         self.count = 0
         self.longest = 0.0
 
-    def add(self, seconds: float) -> None:
+    def add_duration(self, seconds: float) -> None:
         """Count a duration [s]; one below 1 us counts as 1 us."""
         ratio = max(seconds, MIN_DURATION) / MIN_DURATION
         index = math.ceil(math.log(ratio) / math.log(BIN_RATIO))

@@ -67,12 +67,12 @@ class Recognition(Listener):
             return
         began = perf_counter()
         detections = self.recognizer.push(item)
-        self.step.add(perf_counter() - began)
-        self.age.add(self.context.age(item.stamp))
+        self.step.add_duration(perf_counter() - began)
+        self.age.add_duration(self.context.age(item.stamp))
         self.publish(detections)
         state = self.recognizer.state
         if state is not None:
-            for event in self.faults.push(item.stamp, state.faults):
+            for event in self.faults.report_faults(item.stamp, state.faults):
                 self.context.publish(event)
             probabilities = self.recognizer.probabilities
             self.context.publish(

@@ -242,7 +242,7 @@ class Recorder(Listener):
         began = perf_counter()
         self.pieces.writer.sync()
         self.latest_sync = perf_counter() - began
-        self.sync.add(self.latest_sync)
+        self.sync.add_duration(self.latest_sync)
         if self.disk_full():
             self.pieces.finish()
             self.report_stop(self.describe_space())

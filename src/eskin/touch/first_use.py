@@ -34,7 +34,7 @@ def warm_up_touches(mounted: MountedSkin) -> None:
     calibration = build_matrix_calibration(mounted)
     pipeline = TouchPipeline(mounted, calibration)
     for scan in make_poke(mounted):
-        pipeline.push(scan)
+        pipeline.push_scan(scan)
     calibration.compute_pressure(np.zeros(mounted.skin.count))
 
 

@@ -133,7 +133,9 @@ class FrontEnd:
         self.taxel_faults: tuple[Fault, ...] = ()
         self.faults: tuple[Fault, ...] = ()
 
-    def push(self, scan: Scan, pressed: Int[np.ndarray, "some"] = NO_TAXELS) -> Reading:
+    def make_reading(
+        self, scan: Scan, pressed: Int[np.ndarray, "some"] = NO_TAXELS
+    ) -> Reading:
         """Return the reading of the next scan.
 
         Data that cannot be trusted is not valid in it. The rest of `pressed` taxels,
@@ -173,7 +175,9 @@ class FrontEnd:
         if scan.shear is not None:
             shear = self.calibrate_shear(scan.shear, kernel_scan)
         self.compensate(pressure, valid)
-        polarity = self.polarity.push(scan, instant, self.taxels["margin"], self.mask)
+        polarity = self.polarity.check_polarity(
+            scan, instant, self.taxels["margin"], self.mask
+        )
         self.faults = self.taxel_faults + polarity
         return Reading(scan.stamp, pressure, valid, scan.q, shear)
 

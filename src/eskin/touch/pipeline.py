@@ -158,17 +158,19 @@ class TouchTracker:
         self.touches = TouchGrouper(context)
         self.result = NO_TOUCHES
 
-    def push(self, reading: Reading, instant: Instant) -> TrackingResult:
+    def track_touches(self, reading: Reading, instant: Instant) -> TrackingResult:
         """Return the touches of the next reading, at its instant."""
         found = find_candidates(
             reading.pressure, self.least, self.order, self.candidates
         )
         touched = self.result is not NO_TOUCHES
         if found or touched or self.pressed_count[0]:
-            self.result = self.track(reading, instant, self.candidates[:found])
+            self.result = self.track_candidates(
+                reading, instant, self.candidates[:found]
+            )
         return self.result
 
-    def track(
+    def track_candidates(
         self, reading: Reading, instant: Instant, candidates: np.ndarray
     ) -> TrackingResult:
         """Return the touches of the next reading from the taxels that may be active."""
@@ -180,8 +182,8 @@ class TouchTracker:
         )
         rows, taxels = find_contacts(candidates, kernel_reading, self.context)
         contacts = build_contacts(instant.stamp, rows, taxels)
-        self.tracks.push(contacts, kernel_reading)
-        self.touches.push(self.tracks, rows[:, NEAR:], kernel_reading)
+        self.tracks.follow_contacts(contacts, kernel_reading)
+        self.touches.group_tracks(self.tracks, rows[:, NEAR:], kernel_reading)
         opened = tuple(self.touches.touches.values())
         closed = tuple(self.touches.closed)
         held = tuple(self.touches.held)
@@ -313,7 +315,7 @@ class TouchPipeline:
         self.reading: Reading | None = None
         self.calibrated: Instant | None = None
 
-    def push(self, scan: Scan) -> TouchState:
+    def push_scan(self, scan: Scan) -> TouchState:
         """Process the next scan.
 
         Raises:
@@ -326,10 +328,10 @@ class TouchPipeline:
         """Calibrate the next scan, and mark data that cannot be trusted as not valid.
 
         Raises:
-            ReadingError: As for `push`.
+            ReadingError: As for `push_scan`.
         """
         self.tracker.poses.check(scan.q)
-        reading = self.front_end.push(scan, self.find_pressed())
+        reading = self.front_end.make_reading(scan, self.find_pressed())
         self.calibrated = self.front_end.clock.latest
         if len(self.insensitive):
             self.raise_insensitive(reading, self.front_end.turn(scan).counts)
@@ -366,7 +368,7 @@ class TouchPipeline:
         Without a scan before, no pressure is noise: every contact is a touch.
 
         Raises:
-            ReadingError: As for `push`.
+            ReadingError: As for `push_scan`.
         """
         check_count(reading, self.mounted.skin)
         self.tracker.poses.check(reading.q)
@@ -374,7 +376,7 @@ class TouchPipeline:
         if instant is None or instant.stamp != reading.stamp:
             instant = self.front_end.clock.advance(reading.stamp)
         self.calibrated = None
-        result = self.tracker.push(reading, instant)
+        result = self.tracker.track_touches(reading, instant)
         self.reading = reading
         return self.build_state(reading, faults, result)
 

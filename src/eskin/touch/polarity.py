@@ -109,7 +109,7 @@ class PolarityDetector:
         self.last = -np.inf
         self.faults: tuple[Fault, ...] = ()
 
-    def push(
+    def check_polarity(
         self, scan: Scan, instant: Instant, margin: Values, mask: Flags
     ) -> tuple[Fault, ...]:
         """Check the next scan.

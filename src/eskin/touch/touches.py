@@ -238,7 +238,7 @@ class PressDetector:
         """Ignore the press that goes on, if any, until it has ended."""
         self.dropped = self.since is not None
 
-    def push(self, state: TouchState) -> int | None:
+    def find_press(self, state: TouchState) -> int | None:
         """Process the state at the next reading.
 
         Returns:

@@ -88,7 +88,9 @@ class TrackFollower:
         """Ongoing, ended and past tracks."""
         return self.ongoing + self.ended + self.past
 
-    def push(self, contacts: Sequence[ContactRecord], reading: KernelReading) -> None:
+    def follow_contacts(
+        self, contacts: Sequence[ContactRecord], reading: KernelReading
+    ) -> None:
         """Continue the tracks in the contacts of the next reading."""
         before = self.ongoing
         instant = reading.instant
@@ -275,7 +277,7 @@ class TouchGrouper:
         self.held: list[TouchRecord] = []
         self.past: dict[int, TouchRecord] = {}
 
-    def push(
+    def group_tracks(
         self,
         tracks: TrackFollower,
         near: Float[np.ndarray, "contact contact"],

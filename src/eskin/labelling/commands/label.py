@@ -69,7 +69,7 @@ def run(command: LabelCommand) -> dict[str, object]:
     for recording, result in zip(recordings, results, strict=True):
         truth = sort_labels(recording.labels, "true")
         if truth:
-            agreement.add(truth, result.found, result.stamps)
+            agreement.add_recording(truth, result.found, result.stamps)
     write_labels(command, recordings, results, targets)
     summary = agreement.summary() if agreement.instants else None
     count = sum(len(result.found) for result in results)

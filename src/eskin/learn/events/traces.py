@@ -92,7 +92,7 @@ class Trace:
                 }
                 for logits in (step.logits, step.closing_logits)
             )
-            decisions = decision_filter.push(
+            decisions = decision_filter.make_decisions(
                 step.stamp, step.touches, step.closed, probabilities, closing
             )
             by_id = {touch.id: touch for touch in (*step.touches, *step.closed)}

@@ -78,7 +78,7 @@ class SetFolder:
                 size += len(line)
         return size
 
-    def add(self, rows: Sequence[ClipRow]) -> None:
+    def append_rows(self, rows: Sequence[ClipRow]) -> None:
         """Append the rows of the next file, which exists already, to the index."""
         with self.index.open("a", encoding="utf-8") as file:
             file.write(to_text(rows))
@@ -207,7 +207,7 @@ def generate(
         try:
             with closing(written):
                 for rows in written:
-                    archive.add(rows)
+                    archive.append_rows(rows)
                     made += len(rows)
                     on_progress(kept + made)
         except BaseException:

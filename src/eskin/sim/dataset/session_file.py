@@ -128,7 +128,7 @@ def write_session(
             for number, plan in enumerate(settings.plan_clips(session_plan), -1):
                 check_stopped()
                 clip = generate_clip(generator, plan, number, session_plan)
-                session.add(number, plan, clip)
+                session.write_clip(number, plan, clip)
             session.finish()
     except BaseException:
         writer.part.unlink(missing_ok=True)
@@ -201,7 +201,7 @@ class SessionWriter:
         self.peaks: list[np.ndarray] = []
         self.rest = np.empty(0, dtype=np.int32)
 
-    def add(self, number: int, plan: ClipPlan, clip: SimulatedClip) -> None:
+    def write_clip(self, number: int, plan: ClipPlan, clip: SimulatedClip) -> None:
         """Write a clip; the first one, number -1, is the lead-in."""
         start = self.session_plan.start + round(plan.at * NS_PER_S)
         times = self.period * np.arange(len(clip.counts))

@@ -188,7 +188,7 @@ class CommandScore:
     causes: TouchCauses = field(default_factory=TouchCauses)
     """Simulated touch of each tracked touch."""
 
-    def add(self, attempt: Attempt) -> None:
+    def add_attempt(self, attempt: Attempt) -> None:
         """Add a touch."""
         (self.accidents if attempt.gesture == NONE else self.attempts).append(attempt)
 

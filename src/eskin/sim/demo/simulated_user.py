@@ -260,7 +260,7 @@ class SimulatedUser:
         truths = [record for record in hand.truths() if record.touch == self.touch]
         if truths and not self.in_contact and attempt.answer is None:
             attempt.begin = stamp
-            self.score.add(attempt)
+            self.score.add_attempt(attempt)
         if truths:
             if not self.in_contact or truths[0].force > self.strongest.force:
                 self.strongest = truths[0]

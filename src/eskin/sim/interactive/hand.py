@@ -220,7 +220,7 @@ class InteractiveHand:
                 self.difficulty,
                 "paper",
             )
-            return self.add(DraggedTouch(sample, force, self.env))
+            return self.add_touch(DraggedTouch(sample, force, self.env))
 
     def move(self, touch: int, point: LinkPoint) -> None:
         """Drag a touch toward a point; does nothing if it is over.
@@ -281,7 +281,7 @@ class InteractiveHand:
                 "paper",
                 requested,
             )
-            return self.add(PerformedTouch(touch, 0.0, self.env))
+            return self.add_touch(PerformedTouch(touch, 0.0, self.env))
 
     def draw_touch(
         self, gesture: str, kind: str | None, point: LinkPoint | None, person: Person
@@ -338,9 +338,9 @@ class InteractiveHand:
     def add_performed(self, touch: TrueTouch) -> int:
         """Add a touch by a hand that follows the robot with a random delay."""
         delay = self.env.constants.draw("motion.delay", self.rng)
-        return self.add(PerformedTouch(touch, delay, self.env))
+        return self.add_touch(PerformedTouch(touch, delay, self.env))
 
-    def add(self, touch: InteractiveTouch) -> int:
+    def add_touch(self, touch: InteractiveTouch) -> int:
         """Add a touch that begins with the next scan; return its id."""
         with self.lock:
             number = self.count

@@ -153,7 +153,7 @@ class InteractiveSkin:
                 f"q is {q}; allowed are {joints} finite numbers [rad]; give one for "
                 f"each moving joint of robot '{self.mounted.robot.name}'"
             )
-        span = self.track.push(q)
+        span = self.track.move_to(q)
         touches = self.hand.advance(span)
         scene = TouchScene(span.q, tuple(touches.values()))
         self.press_sensor(scene, list(touches), stamp)
@@ -173,7 +173,7 @@ class InteractiveSkin:
         mean = pressure.mean(axis=0)
         self.wrenches = compute_wrenches(mean, taxels, skin)
         self.taxel_force = float(PA_PER_KPA * mean @ skin.areas[taxels])
-        self.sensor.push(pressure, taxels)
+        self.sensor.simulate_steps(pressure, taxels)
         truths: tuple[TrueTouchSeries, ...] = ()
         if numbers:
             truths = compute_true_series(

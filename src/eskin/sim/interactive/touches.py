@@ -61,7 +61,7 @@ class MotionTrack:
         self.past: Poses | None = None
         self.next_step = 0
 
-    def push(self, q: Float[np.ndarray, "joint"]) -> MotionSpan:
+    def move_to(self, q: Float[np.ndarray, "joint"]) -> MotionSpan:
         """Move at constant speed to joint positions at the end of the next reading."""
         last = q if self.past is None else self.past[-1]
         share = np.arange(1, self.steps + 1)[:, None] / self.steps

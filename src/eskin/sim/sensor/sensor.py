@@ -125,7 +125,7 @@ class Sensor:
         """Return the steps since the beginning."""
         return self.first + len(self.conductance)
 
-    def push(
+    def simulate_steps(
         self,
         pressure: Float[np.ndarray, "time active"],
         taxels: Int[np.ndarray, "active"],
@@ -277,7 +277,7 @@ def sense(
     live = np.flatnonzero(conducts)
     live = live[np.argsort(skin.patch_index[live], kind="stable")]
     sensor = Sensor(build, skin, rng, stages, session, live)
-    sensor.push(pressure, taxels)
+    sensor.simulate_steps(pressure, taxels)
     ratio = build.electronics.period / build.electronics.step
     readings = int((len(pressure) - lead) / ratio + ROUNDING)
     places = lead + ratio * np.arange(readings, dtype=np.float64)

@@ -161,7 +161,7 @@ class PtyPort(VirtualPort):
         if self.master is None:
             return []
         try:
-            return self.deframer.push(os.read(self.master, MAX_RECEIVED_BYTES))
+            return self.deframer.push_chunk(os.read(self.master, MAX_RECEIVED_BYTES))
         except OSError:
             return []
 
