@@ -167,8 +167,8 @@ def main() -> int:
         threading.setprofile(None)
     if found < DETECTIONS:
         print_error(
-            f"got {found} detections in {count} profiled readings, with {PATIENCE:g} s for "
-            f"all; needed are {DETECTIONS}; run it again now that its code is compiled"
+            f"got {found} detections in {count} profiled readings, with {PATIENCE:g} s "
+            f"for all; needed are {DETECTIONS}; run it again now that code is compiled"
         )
         return 1
     called = list(profiler.called)

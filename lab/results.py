@@ -64,7 +64,8 @@ class Part:
     """Commands of the page. SETS is the folder of the simulated sets, DATA that of the
     public sets, and FOLDER one that belongs to the part."""
     minutes: int | None = None
-    """About how long it takes on one core [min]; None where it was not measured."""
+    """About how long it takes on a core that other programs share [min]; None where it
+    was not measured."""
     keeps: str = ""
     """What its commands keep beside what they print, from which a cut one goes on."""
 
@@ -106,6 +107,7 @@ PAGE = (
             "python -m lab.transfer sleeve --model ur5-sim",
             "python -m lab.transfer sleeve --model ur5",
         ),
+        minutes=15,
     ),
     Part(
         "one-person",
@@ -132,6 +134,7 @@ PAGE = (
                 "drawn",
             )
         ),
+        minutes=4,
     ),
     Part(
         "phone",
@@ -331,9 +334,19 @@ PAGE = (
     Part("kill", "Faults and attacks", ("python -m lab.soak kill",)),
     Part("hour", "Faults and attacks", ("python -m lab.soak stream",)),
     Part("ur-stop", "Faults and attacks", ("python -m lab.ur_stop",)),
-    Part("one-scan", "Faults and attacks", ("python -m lab.one_scan --draws 400",)),
-    Part("rates", "Faults and attacks", ("python -m lab.csv_rates",)),
-    Part("polarity", "Faults and attacks", ("python -m lab.polarity --builds 8",)),
+    Part(
+        "one-scan",
+        "Faults and attacks",
+        ("python -m lab.one_scan --draws 400",),
+        minutes=5,
+    ),
+    Part("rates", "Faults and attacks", ("python -m lab.csv_rates",), minutes=2),
+    Part(
+        "polarity",
+        "Faults and attacks",
+        ("python -m lab.polarity --builds 8",),
+        minutes=2,
+    ),
     Part(
         "events",
         "What does more than a person asked",
@@ -371,6 +384,7 @@ PAGE = (
         "simulator",
         "The simulator against measured properties",
         ("python -m lab.simulation",),
+        minutes=3,
     ),
 )
 """Parts of the page, in its order."""
