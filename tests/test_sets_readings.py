@@ -8,6 +8,7 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
+from eskin.notebook import measure_pressures
 from eskin.recording import read_recording
 from eskin.robot import load_urdf
 from eskin.sets import reading_files, skin_table
@@ -465,7 +466,7 @@ def test_poses_and_pressures_of_the_paper_become_its_table_in_two_commands(
     assert result["poses"]["worst_mm"] < 0.1
     for after in converted:
         before = recordings[after.path.name]
-        pressure = np.asarray(eskin.measure_pressures(before))
+        pressure = np.asarray(measure_pressures(before))
         counts = after.arrays().counts - after.calibration.rest
         np.testing.assert_allclose(
             after.calibration.gain * counts, pressure, atol=pressure.max() / 65_535
