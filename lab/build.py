@@ -77,8 +77,7 @@ def run(command: Command) -> dict[str, object]:
     names = command.only or tuple(SMOKE)
     if unknown := set(names) - set(SMOKE):
         raise EskinError(
-            f"--only is {' '.join(sorted(unknown))}; allowed are {', '.join(SMOKE)}; "
-            "correct it"
+            f"--only is {' '.join(sorted(unknown))}; allowed are {', '.join(SMOKE)}"
         )
     wheel = build(command.out)
     with tempfile.TemporaryDirectory() as folder:

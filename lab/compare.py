@@ -111,7 +111,7 @@ class CompareCommand:
         if several and (len(set(names)) < len(names) or "val" in names):
             raise ValueError(
                 f"--test names folders {', '.join(names)}; allowed is each name once, "
-                "and none called val; rename one"
+                "and none called val"
             )
 
 

@@ -431,9 +431,7 @@ def main(args: list[str] | None = None) -> None:
         return
     for part in command.only:
         if part not in PARTS:
-            raise SystemExit(
-                f"--only has '{part}'; allowed are {', '.join(PARTS)}; change it"
-            )
+            raise SystemExit(f"--only has '{part}'; allowed are {', '.join(PARTS)}")
     if command.quick:
         command = replace(command, seeds=1, seconds=40.0)
     [out] = command.paths

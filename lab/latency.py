@@ -104,8 +104,7 @@ class Command:
         """Raise if there are too few clips."""
         if self.clips < NETWORK_CLIPS:
             raise ValueError(
-                f"--clips is {self.clips}; allowed are {NETWORK_CLIPS} and above; "
-                "change it"
+                f"--clips is {self.clips}; allowed are {NETWORK_CLIPS} and above"
             )
 
 

@@ -296,7 +296,7 @@ def main(command: Command) -> dict[str, object]:
     if command.pairs < 1 or command.seed < 0:
         raise DeviceError(
             f"--pairs is {command.pairs} and --seed {command.seed}; allowed are pairs "
-            "of 1 and above and seeds of 0 and above; change it"
+            "of 1 and above and seeds of 0 and above"
         )
     models = load_model(command.model), load_model(BLIND_MODEL)
     found = []

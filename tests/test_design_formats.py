@@ -337,7 +337,7 @@ WRONG = {
         ('order="row-major"', 'order="spiral"', ["spiral", "col-major"]),
         ('<parent link="palm"/>', "", ["palm_pad", "<parent>"]),
         ('name="palm_pad"', "", ["<sensor>", "name"]),
-        ('idx="2"', 'idx="0"', ["number 0", "'tip_data' twice", "correct it"]),
+        ('idx="2"', 'idx="0"', ["number 0", "'tip_data' twice", "allowed is once"]),
         ('idx="2"', 'idx="-2"', ["idx is -2"]),
         ('xyz="-0.004 0 0.002"', 'xyz="nan 0 0"', ["xyz is 'nan 0 0'"]),
         ("<array", "<grid", ["0 <array>"]),

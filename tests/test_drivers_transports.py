@@ -237,8 +237,8 @@ def test_patch_is_bound_to_its_sender_until_it_is_silent():
         ({"host": "192.0.2.1"}, "loopback"),
         ({"host": "::"}, "loopback"),
         ({"host": "nowhere"}, "IP address"),
-        ({"host": "192.0.2.1", "allow_remote": True}, "choose another"),
-        ({"port": 70_000}, "choose another"),
+        ({"host": "192.0.2.1", "allow_remote": True}, "allowed is a free port"),
+        ({"port": 70_000}, "allowed is a free port"),
     ],
 )
 def test_address_that_cannot_be_bound_is_refused(arguments, remedy):
@@ -248,5 +248,5 @@ def test_address_that_cannot_be_bound_is_refused(arguments, remedy):
 
 def test_remote_senders_may_be_allowed_and_a_port_is_bound_once():
     with open_udp(host="0.0.0.0", allow_remote=True) as transport:
-        with pytest.raises(DeviceError, match="choose another"):
+        with pytest.raises(DeviceError, match="allowed is a free port"):
             UdpTransport(HostClock(), port=transport.port)

@@ -65,9 +65,7 @@ def main(args: list[str] | None = None) -> None:
     command = tyro.cli(Command, args=args, description=lab.release.__doc__)
     for name in command.only:
         if name not in DRAWS:
-            raise SystemExit(
-                f"--only has '{name}'; allowed are {', '.join(DRAWS)}; change it"
-            )
+            raise SystemExit(f"--only has '{name}'; allowed are {', '.join(DRAWS)}")
     if command.part == "make":
         for name in command.only:
             number = 0 if command.workers == 1 else command.workers

@@ -176,7 +176,7 @@ def find_driver(uris: Sequence[str]) -> Driver:
     ):
         raise DeviceError(
             f"source is '{' '.join(uris)}'; allowed is one of {list_forms(DRIVERS)}, "
-            "or several serial ports; correct it"
+            "or several serial ports"
         )
     return driver
 
@@ -258,7 +258,7 @@ def find_arm_driver(uri: str) -> ArmDriver:
     """
     driver = load_plugin(ARMS, uri.partition(":")[0])
     if driver is None:
-        raise ArmError(f"robot is '{uri}'; allowed is {list_forms(ARMS)}; correct it")
+        raise ArmError(f"robot is '{uri}'; allowed is {list_forms(ARMS)}")
     return driver
 
 
@@ -279,7 +279,7 @@ def open_joints(
     if not uri.startswith("udp:"):
         raise DeviceError(
             f"joints are '{uri}'; allowed is udp://HOST:PORT, such as "
-            "udp://127.0.0.1:9760; correct it"
+            "udp://127.0.0.1:9760"
         )
     if not robot.joint_names:
         raise DeviceError(
@@ -415,7 +415,7 @@ def parse_udp_address(uri: str) -> tuple[str, int]:
     if not host or not port or rest:
         raise DeviceError(
             f"address is '{uri}'; allowed is udp://HOST:PORT with a port from 1 to "
-            "65535, such as udp://127.0.0.1:9750; correct it"
+            "65535, such as udp://127.0.0.1:9750"
         )
     return host, port
 
@@ -444,7 +444,7 @@ def fixed_positions(
     if len(q) != count or not np.isfinite(q).all():
         raise DeviceError(
             f"q is {config.q}; allowed are {count} finite numbers [rad], one for each "
-            f"joint of robot '{mounted.robot.name}'; correct it"
+            f"joint of robot '{mounted.robot.name}'"
         )
     return q
 

@@ -105,7 +105,7 @@ class PaperNetwork(nn.Module):
         if stride not in STRIDES:
             raise ValueError(
                 f"stride is {stride}; allowed are {', '.join(map(str, STRIDES))}, so "
-                "that the newest reading of a window is used; change it"
+                "that the newest reading of a window is used"
             )
         self.mounted = mounted
         self.k = k

@@ -260,7 +260,7 @@ def open_simulated_arm(
     if uri != f"sim:{FRAME_TASK.robot_name}":
         raise ArmError(
             f"robot is '{uri}'; allowed is sim:{FRAME_TASK.robot_name}, whose task "
-            "this is; correct it"
+            "this is"
         )
     return SimulatedArm(FRAME_TASK, clock)
 

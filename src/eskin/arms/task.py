@@ -80,7 +80,7 @@ class Task:
             if len(waypoint.q) != len(self.joint_names):
                 raise ValueError(
                     f"waypoint '{waypoint.name}' has {len(waypoint.q)} positions; "
-                    f"allowed are {len(self.joint_names)}, one a joint; correct it"
+                    f"allowed are {len(self.joint_names)}, one a joint"
                 )
 
 
@@ -258,8 +258,7 @@ class TaskExecutor:
         """
         if not 0 <= share <= 1:
             raise ValueError(
-                f"speed limit is {share}; allowed is 0 to 1, a share of full speed; "
-                "correct it"
+                f"speed limit is {share}; allowed is 0 to 1, a share of full speed"
             )
         self.speed_limit = float(share)
 

@@ -276,8 +276,7 @@ def open_ur_arm(
     host = rest.removeprefix("//")
     if not rest.startswith("//") or not host or "/" in host:
         raise ArmError(
-            f"robot is '{uri}'; allowed is ur://HOST, such as ur://192.168.1.10; "
-            "correct it"
+            f"robot is '{uri}'; allowed is ur://HOST, such as ur://192.168.1.10"
         )
     if find_spec("rtde_control") is None:
         raise ArmError(

@@ -159,7 +159,7 @@ def read_domain() -> int:
     text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
     if not (text.isdecimal() and int(text) <= MAX_DOMAIN):
         raise DeviceError(
-            f"{DOMAIN_VARIABLE} is '{text}'; allowed are 0 to {MAX_DOMAIN}; correct it"
+            f"{DOMAIN_VARIABLE} is '{text}'; allowed are 0 to {MAX_DOMAIN}"
         )
     return int(text)
 

@@ -300,7 +300,7 @@ def read_points(path: Path, skin: Skin) -> tuple[KnownPoint, ...]:
     except OSError as error:
         raise SkinError(f"cannot read {path}: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:
-        raise SkinError(f"{path}: no CSV text ({error}); correct it") from None
+        raise SkinError(f"{path}: no CSV text ({error})") from None
     names = {patch.id for patch in skin.patches}
     points = []
     for number, row in enumerate(rows, 2):
@@ -312,7 +312,7 @@ def read_points(path: Path, skin: Skin) -> tuple[KnownPoint, ...]:
             raise SkinError(
                 f"{path}: line {number} is {','.join(map(str, row.values()))!r:.60}; "
                 "allowed is a patch of the skin and three numbers, below the head "
-                "patch,x_mm,y_mm,z_mm; correct it"
+                "patch,x_mm,y_mm,z_mm"
             ) from None
         points.append(KnownPoint(row["patch"], (x, y, z)))
     if not points:

@@ -112,8 +112,7 @@ def check_options(command: CalibrateCommand) -> None:
     for name, (value, low, high) in limits.items():
         if not low <= value <= high:
             raise ValueError(
-                f"--{name.split()[0]} is {value:g}; allowed are {low:g} to {high:g}; "
-                "change it"
+                f"--{name.split()[0]} is {value:g}; allowed are {low:g} to {high:g}"
             )
     command.check_page_options()
     check_writable(command.out)

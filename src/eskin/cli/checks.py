@@ -92,7 +92,7 @@ def check_options(command: Any) -> None:  # noqa: ANN401
             continue
         for rule in getattr(field.type, "__metadata__", ()):
             if isinstance(rule, Range) and value not in rule:
-                raise ValueError(f"{option} is {value}; allowed are {rule}; change it")
+                raise ValueError(f"{option} is {value}; allowed are {rule}")
             if isinstance(rule, Needs) and not is_given(getattr(command, rule.other)):
                 raise ValueError(
                     f"{option} is given without {name_option(rule.other)}; allowed is "

@@ -133,7 +133,7 @@ def check_patches(command: DoctorCommand) -> Iterator[Check]:
     if not find_driver(command.source).is_device:
         raise DeviceError(
             f"--source is {' '.join(command.source)}; allowed are devices, as "
-            "serial:PATH, csv:PATH or udp://HOST:PORT; correct it"
+            "serial:PATH, csv:PATH or udp://HOST:PORT"
         )
     with ExitStack() as stack:
         source, _ = open_guided_source(command, stack)

@@ -63,9 +63,7 @@ def run(command: ExportCommand) -> dict[str, object]:
             "what to write"
         )
     if not command.sources:
-        raise EskinError(
-            "nothing to export is given; allowed is a model or recordings; name one"
-        )
+        raise EskinError("nothing to export is given; allowed is a model or recordings")
     [(name, path)] = given
     exporter = load_plugin(EXPORTERS, name)
     if exporter is None:

@@ -147,9 +147,7 @@ class PressCommand(GuidedCommand):
             ValueError: for --wait or --port.
         """
         if not 1.0 <= self.wait < math.inf:
-            raise ValueError(
-                f"--wait is {self.wait:g}; allowed are 1 and above; change it"
-            )
+            raise ValueError(f"--wait is {self.wait:g}; allowed are 1 and above")
         if self.port is not None and not self.view:
             raise ValueError(
                 "--port is given without --view; allowed is both; ask for the page"
@@ -269,7 +267,7 @@ def open_guided_source(
     if driver.touches == "simulated":
         raise DeviceError(
             f"source is '{' '.join(command.source)}'; allowed are devices and "
-            "recordings; correct it"
+            "recordings"
         )
     if command.skin is None and driver.is_device:
         raise DeviceError(

@@ -86,13 +86,13 @@ def describe_value(found: re.Match[str]) -> str:
     if several is not None:
         allowed = f"{KINDS.get(several['kind'], several['kind'])} for each"
     got = " ".join(re.findall(r"'([^']*)'", found["got"]))
-    return f"{found['option']} is '{got}'; allowed is {allowed}; correct it"
+    return f"{found['option']} is '{got}'; allowed is {allowed}"
 
 
 def describe_number(found: re.Match[str]) -> str:
     """Describe a value that is no number."""
     allowed = KINDS["INT" if "int()" in found["kind"] else "FLOAT"]
-    return f"{found['option']} is {found['got']}; allowed is {allowed}; correct it"
+    return f"{found['option']} is {found['got']}; allowed is {allowed}"
 
 
 def describe_setting(found: re.Match[str]) -> str:

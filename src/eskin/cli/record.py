@@ -135,9 +135,7 @@ def check_options(command: RecordCommand) -> None:
     except RecordingError as error:
         raise ValueError(f"--gestures: {error}") from None
     if not 1 <= command.times <= MAX_TIMES:
-        raise ValueError(
-            f"--times is {command.times}; allowed are 1 to {MAX_TIMES}; change it"
-        )
+        raise ValueError(f"--times is {command.times}; allowed are 1 to {MAX_TIMES}")
     check_new_recording(command.out)
     check_writable(command.out)
 

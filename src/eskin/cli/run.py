@@ -255,9 +255,7 @@ def check_ways(command: RunCommand) -> None:
         check_question_output(command.robot, GRIPPER_OUTPUT, output)
     for way in command.ask:
         if way not in WAYS and way not in outputs:
-            raise ArmError(
-                f"--ask is '{way}'; allowed are {describe_ways()}; correct it"
-            )
+            raise ArmError(f"--ask is '{way}'; allowed are {describe_ways()}")
         needed = WAYS.get(way)
         if needed is not None and not is_given(getattr(command, needed)):
             raise ArmError(

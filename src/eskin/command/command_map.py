@@ -203,7 +203,7 @@ class CommandMap(BaseModel):
                 logger.warning(
                     "%s: commands[%d] is left out: got %s for %s, which is the answer "
                     "when the arm asks; allowed is another gesture, or a function that "
-                    "moves nothing; change it",
+                    "moves nothing",
                     where,
                     index,
                     rule.function or rule.action,

@@ -128,8 +128,7 @@ class LineForm:
         ):
             given = ",".join(f"{name}={value}" for name, value in options.items())
             raise DeviceError(
-                f"options of csv:{text} are {given}; allowed are {ALLOWED_OPTIONS}; "
-                "correct them"
+                f"options of csv:{text} are {given}; allowed are {ALLOWED_OPTIONS}"
             )
         return cls(text, **options)
 

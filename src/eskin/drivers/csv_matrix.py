@@ -665,7 +665,7 @@ class CsvMatrix(SampleDevice):
             raise DeviceError(
                 f"csv: ports are {', '.join(paths)}, skin '{skin.name}' has "
                 f"{len(skin.patches)} patches; allowed is one port a patch, in the "
-                "order of skin.yaml; name as many"
+                "order of skin.yaml"
             )
         self.clock = clock
         self.baud = baud

@@ -247,7 +247,7 @@ def encode_firmware(firmware: str) -> bytes:
     if len(text) > MAX_FIRMWARE_BYTES:
         raise PacketError(
             f"firmware {firmware!r:.60} has {len(text)} bytes of UTF-8; allowed are "
-            f"{MAX_FIRMWARE_BYTES}; shorten it",
+            f"{MAX_FIRMWARE_BYTES}",
             "content",
         )
     return text

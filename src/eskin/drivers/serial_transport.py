@@ -195,7 +195,7 @@ class SerialTransport(Transport):
         if not paths or len(set(paths)) != len(paths):
             raise DeviceError(
                 f"serial ports are {', '.join(paths) or 'none'}; allowed is at least "
-                "one, and each once; correct them"
+                "one, and each once"
             )
         self.clock = clock
         self.log = EventLog()

@@ -82,7 +82,7 @@ class ShearModules(SampleDevice):
             )
         except InvalidURI as error:
             raise DeviceError(
-                f"server is {self.uri} ({error}); allowed is HOST:PORT; correct it"
+                f"server is {self.uri} ({error}); allowed is HOST:PORT"
             ) from error
         except InvalidHandshake as error:
             raise OSError(f"it is no such server: {error}") from error

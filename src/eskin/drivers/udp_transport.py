@@ -177,7 +177,7 @@ def bind_udp(
         bound.close()
         raise DeviceError(
             f"cannot listen on UDP {host} port {port} ({error}); allowed is a free "
-            "port of an address of this computer; choose another"
+            "port of an address of this computer"
         ) from error
     return bound
 

@@ -80,7 +80,7 @@ class Limits(BaseModel):
                 if unknown:
                     raise ValueError(
                         f"region '{region.name}' has {kind} '{unknown[0]}'; allowed "
-                        f"are {', '.join(dict.fromkeys(known))}; correct it"
+                        f"are {', '.join(dict.fromkeys(known))}"
                     )
             for number, patch in enumerate(skin.patches):
                 if patch.id not in region.patches and patch.link not in region.links:

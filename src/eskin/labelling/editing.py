@@ -260,9 +260,7 @@ def load_replayed(
         RecordingError: the recording holds no scans.
     """
     if not recording.count:
-        raise RecordingError(
-            f"{recording.path} holds no scans; allowed is one or more; give another"
-        )
+        raise RecordingError(f"{recording.path} holds no scans; allowed is one or more")
     areas = 1e3 * recording.skin.areas
     taxels = recording.skin.count
     joints = len(recording.joint_names)

@@ -112,5 +112,5 @@ class TrainConfig:
         if min(self.shares.values(), default=0.0) < 0 or sum(self.shares.values()) > 1:
             raise ValueError(
                 f"shares are {self.shares}; allowed are numbers from 0 on whose sum is "
-                "at most 1; lower them"
+                "at most 1"
             )

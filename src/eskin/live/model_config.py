@@ -37,9 +37,7 @@ def check_limits(
         value = getattr(settings, name)
         if not (low <= value <= high and value != np.inf):
             allowed = f"{low:g} to {high:g}" if high < np.inf else f"from {low:g}"
-            raise ValueError(
-                f"{prefix}{name} is {value!s:.40}; allowed is {allowed}; change it"
-            )
+            raise ValueError(f"{prefix}{name} is {value!s:.40}; allowed is {allowed}")
 
 
 @cache

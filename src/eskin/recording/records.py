@@ -272,7 +272,7 @@ def check_gesture_names(names: Iterable[str]) -> None:
             raise RecordingError(
                 f"gesture {shorten(name)} {reason}; allowed are printable names of 1 "
                 f"to {MAX_NAME_BYTES} bytes, without a blank at either end, and not "
-                f"'{UNKNOWN}'; rename it"
+                f"'{UNKNOWN}'"
             )
         spelling = spellings.setdefault(look_of(name), name)
         if spelling != name:

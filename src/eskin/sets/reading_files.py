@@ -81,8 +81,7 @@ class ReadingFile(ABC):
         """Raise unless a column of arrays holds numbers."""
         if dtype.kind not in NUMBERS:
             raise ImportSourceError(
-                f"{self.path}: '{name}' is of type {dtype}; allowed are numbers; "
-                "correct it"
+                f"{self.path}: '{name}' is of type {dtype}; allowed are numbers"
             )
 
 
@@ -167,7 +166,7 @@ class NpzReadings(ReadingFile):
                 raise ImportSourceError(
                     f"{self.path}: '{name}' has shape {shape} and {size:,} bytes; "
                     f"allowed is one value a reading, of {MAX_COLUMN_BYTES:,} bytes "
-                    "in all; correct it"
+                    "in all"
                 )
             return np.frombuffer(file.read(size), dtype).reshape(shape)
 
@@ -218,8 +217,7 @@ class NpzReadings(ReadingFile):
         if len(set(counts.values())) > 1:
             told = ", ".join(f"'{name}' {count:,}" for name, count in counts.items())
             raise ImportSourceError(
-                f"{self.path}: readings are {told}; allowed is one number of readings; "
-                "correct it"
+                f"{self.path}: readings are {told}; allowed is one number of readings"
             )
 
 
@@ -253,7 +251,7 @@ class ParquetReadings(ReadingFile):
                     raise ImportSourceError(
                         f"{self.path}: '{name}' is of type {column.type}, of {size:,} "
                         "bytes or more; allowed is one value a reading, of "
-                        f"{MAX_COLUMN_BYTES:,} bytes in all; correct it"
+                        f"{MAX_COLUMN_BYTES:,} bytes in all"
                     )
                 parts.append(column.to_numpy(zero_copy_only=False))
         return np.concatenate(parts) if parts else np.empty(0)

@@ -212,7 +212,7 @@ def read_times(file: ReadingFile, name: str, count: int) -> Int[np.ndarray, "tim
     for number in np.flatnonzero((times < 0) | (times > MAX_STAMP))[:1]:
         raise ImportSourceError(
             f"{file.path}: '{name}' {number} is {values[number]}; allowed are integers "
-            "[ns], fractions [s] or times, from 0 on; correct it"
+            "[ns], fractions [s] or times, from 0 on"
         )
     return times
 
@@ -222,7 +222,7 @@ def check_length(file: ReadingFile, name: str, values: np.ndarray, count: int) -
     if values.shape != (count,):
         raise ImportSourceError(
             f"{file.path}: '{name}' has shape {values.shape}; allowed is ({count},), "
-            "one value each; correct it"
+            "one value each"
         )
 
 

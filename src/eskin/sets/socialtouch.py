@@ -226,7 +226,7 @@ def check_rows(path: Path, rows: Int[np.ndarray, "reading column"]) -> None:
         if np.ptp(column):
             raise ImportSourceError(
                 f"{path}: {name} is {column.min()} and {column.max()}; allowed is one "
-                "a file; split it"
+                "a file"
             )
     check_times(path, rows[:, 2], rows[:, 4])
 

@@ -420,14 +420,14 @@ def read_rows(
                 raise ImportSourceError(
                     f"{path}: line {line} has {len(cells)} columns, line 1 names "
                     f"{count}; allowed are as many, separated by {cut!r}, and points "
-                    "before decimals; correct it"
+                    "before decimals"
                 )
             if cells:
                 yield line, cells
     except csv.Error as error:
         raise ImportSourceError(
             f"{path}: line {line + 1} or one after it cannot be read ({error}); "
-            "allowed are cells of a CSV file; correct it"
+            "allowed are cells of a CSV file"
         ) from None
 
 
@@ -476,7 +476,7 @@ def load_npz(path: Path, file: BinaryIO, layout: TableLayout) -> Table:
         if column.shape != values.shape[:1]:
             raise ImportSourceError(
                 f"{path}: {names[index[field]]} has shape {column.shape}; allowed is "
-                f"({len(values)},), of labels also one value a trial; correct it"
+                f"({len(values)},), of labels also one value a trial"
             )
     flat = values.reshape(len(values), -1).astype(np.float32)
     return Table(

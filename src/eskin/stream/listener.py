@@ -117,7 +117,7 @@ class BoundedQueue:
     def __init__(self, size: int, drop: Drop) -> None:
         """Create an empty queue with a capacity and a policy for when it is full."""
         if size < 1:
-            raise ValueError(f"queue of size {size}; allowed is 1 or more; give one")
+            raise ValueError(f"queue of size {size}; allowed is 1 or more")
         self.size = size
         self.drop = drop
         self.items: deque[Message] = deque()

@@ -65,14 +65,14 @@ def parse_choice(what: str, name: object, choices: object) -> Any:  # noqa: ANN4
     if name in get_args(choices):
         return name
     allowed = ", ".join(get_args(choices))
-    raise ValueError(f"{what} is {name!r}; allowed are {allowed}; correct it")
+    raise ValueError(f"{what} is {name!r}; allowed are {allowed}")
 
 
 def parse_flag(what: str, value: object) -> bool:
     """Return a truth value; raise `ValueError` for another value."""
     if value in (True, False):
         return bool(value)
-    raise ValueError(f"{what} is {value!r}; allowed are true and false; correct it")
+    raise ValueError(f"{what} is {value!r}; allowed are true and false")
 
 
 def parse_numbers(values: object) -> Float[np.ndarray, "number"] | None:

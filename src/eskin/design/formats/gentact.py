@@ -83,7 +83,7 @@ def read_gentact(path: Path, name: str, robot: Robot, link: str | None = None) -
         text = read_source(path, MAX_TABLE_BYTES).decode("utf-8-sig")
         lines = list(csv.reader(StringIO(text)))
     except (UnicodeDecodeError, csv.Error) as error:
-        raise SkinError(f"{path} is no CSV text ({error}); correct it") from None
+        raise SkinError(f"{path} is no CSV text ({error})") from None
     head = ",".join(cell.strip() for cell in lines[0]) if lines else ""
     if head not in HEADS:
         raise SkinError(
@@ -155,7 +155,7 @@ def read_electrodes(
         except ValueError:
             raise SkinError(
                 f"{path}: line {number} is {','.join(line)!r:.60}; allowed are {head}, "
-                "with numbers and a radius above 0; correct it"
+                "with numbers and a radius above 0"
             ) from None
         # The index of a vertex counts inside its object.
         own = cells[names[-1]].strip() if head == VERTICES else skin

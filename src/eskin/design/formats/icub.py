@@ -84,7 +84,7 @@ def read_icub_part(file: Path, link: str | None) -> PatchTaxels:
     width = facts.get("columns", str(ICUB_CHANNELS)).strip()
     if not width.isdecimal() or not 1 <= int(width) <= MAX_SIDE:
         raise SkinError(
-            f"{file}: columns is '{width:.40}'; allowed are 1 to {MAX_SIDE}; correct it"
+            f"{file}: columns is '{width:.40}'; allowed are 1 to {MAX_SIDE}"
         )
     table = read_icub_table(file, lines, start)
     is_placed = np.any(table != 0.0, axis=1)
@@ -110,7 +110,7 @@ def read_icub_part(file: Path, link: str | None) -> PatchTaxels:
     if len(short):
         raise SkinError(
             f"{file}: the normal of channel {short[0]} has length "
-            f"{np.linalg.norm(table[short[0], 3:]):.3g}; allowed is 1; correct it"
+            f"{np.linalg.norm(table[short[0], 3:]):.3g}; allowed is 1"
         )
     normals = table[used, 3:] / lengths[:, None]
     return PatchTaxels(
@@ -144,7 +144,7 @@ def read_channel_kinds(
     except (OverflowError, ValueError) as error:
         raise SkinError(
             f"{file}: taxel2Repr has {error}; allowed is one whole number for each "
-            "position, below 0 where it is no taxel; correct it"
+            "position, below 0 where it is no taxel"
         ) from None
     return kinds
 
@@ -166,7 +166,7 @@ def read_icub_table(
         except ValueError:
             raise SkinError(
                 f"{file}: line {number} is '{line.strip():.60}'; allowed are x, y, z "
-                "and the normal's x, y, z; correct it"
+                "and the normal's x, y, z"
             ) from None
         rows.append(row[:6])
     if not 1 <= len(rows) <= MAX_TAXELS:

@@ -64,9 +64,7 @@ def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
     repeated = [part.id for part in parts]
     if len(set(repeated)) < len(repeated):
         twice = next(each for each in repeated if repeated.count(each) > 1)
-        raise SkinError(
-            f"{file} has patch '{twice}' twice; allowed is once; rename one"
-        )
+        raise SkinError(f"{file} has patch '{twice}' twice; allowed is once")
     channels = [part.channel or f"patch '{part.id}'" for part in parts]
     names = list(dict.fromkeys(channels))
     counts = [len(part.rows) for part in parts]
@@ -78,8 +76,7 @@ def join_patches(name: str, parts: Sequence[PatchTaxels], file: Path) -> Skin:
         first = order[int(np.argmax(same))]
         raise SkinError(
             f"{file} has number {index[first]} of {names[group[first]]} twice; allowed "
-            "is once, as a number tells which value of the data is the taxel's; "
-            "correct it"
+            "is once, as a number tells which value of the data is the taxel's"
         )
     arrays: dict[str, Any] = {
         field: np.concatenate([getattr(part, field) for part in parts])[order]

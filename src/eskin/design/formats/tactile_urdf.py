@@ -64,7 +64,7 @@ def read_tactile_urdf(path: Path, name: str) -> Skin:
         raise SkinError(text if str(path) in text else f"{path}: {text}") from None
     if not parts:
         raise SkinError(
-            f"{path} has no <sensor> with <tactile>; allowed is one or more; add one"
+            f"{path} has no <sensor> with <tactile>; allowed is one or more"
         )
     return join_patches(name, parts, path)
 

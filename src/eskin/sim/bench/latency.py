@@ -190,9 +190,7 @@ class LatencyConfig:
     def __post_init__(self) -> None:
         """Raise if a number is out of range."""
         if self.steps < 10:
-            raise ValueError(
-                f"--steps is {self.steps}; allowed are 10 and above; change it"
-            )
+            raise ValueError(f"--steps is {self.steps}; allowed are 10 and above")
 
 
 def measure_latency(config: LatencyConfig) -> list[LatencyRow]:

@@ -39,7 +39,7 @@ def large_skin(taxels: int) -> Skin:
     if more < 0:
         raise ValueError(
             f"--taxels is {taxels}; allowed are {arm.count}, which is the ur5 skin, "
-            "and above; change it"
+            "and above"
         )
     if not more:
         return arm
@@ -84,7 +84,7 @@ def find_central_taxels(
     if not 1 <= active <= len(taxels):
         raise ValueError(
             f"--active is {active}; allowed are 1 to {len(taxels)}, the taxels of "
-            f"{patch}; change it"
+            f"{patch}"
         )
     apart = skin.positions[taxels] - skin.positions[taxels].mean(axis=0)
     return taxels[np.argsort(np.linalg.norm(apart, axis=1), kind="stable")[:active]]

@@ -62,13 +62,9 @@ class ThroughputConfig:
     def __post_init__(self) -> None:
         """Raise if a number is out of range."""
         if not 1 <= self.rate <= MAX_RATE:
-            raise ValueError(
-                f"--rate is {self.rate:g}; allowed are 1 to {MAX_RATE:g}; change it"
-            )
+            raise ValueError(f"--rate is {self.rate:g}; allowed are 1 to {MAX_RATE:g}")
         if not 0 < self.seconds < float("inf"):
-            raise ValueError(
-                f"--seconds is {self.seconds:g}; allowed are above 0; change it"
-            )
+            raise ValueError(f"--seconds is {self.seconds:g}; allowed are above 0")
 
     @property
     def transports(self) -> tuple[TransportKind, ...]:

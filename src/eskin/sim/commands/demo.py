@@ -80,7 +80,7 @@ def run(command: DemoCommand) -> dict[str, object]:
     if not 0 <= shortest <= longest < float("inf"):
         raise DeviceError(
             f"--pause is {shortest:g} {longest:g}; allowed are two times in their "
-            "order, not negative; change them"
+            "order, not negative"
         )
     if command.dynamics:
         find_mujoco("--dynamics")

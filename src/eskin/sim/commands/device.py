@@ -157,8 +157,7 @@ def load_played(
     if recording.count < 2:
         raise DeviceError(
             f"{command.play} has {format_count(recording.count, 'scan')}; allowed are "
-            "at least 2; "
-            "play another"
+            "2 or more"
         )
     return recording.scans(), 1e9 / recording.period, recording.calibration
 

@@ -136,7 +136,7 @@ def check_skin(command: GenerateCommand) -> None:
     if command.skin in SKIN_PRESETS and command.skin not in SKINS:
         raise ValueError(
             f"--skin is '{command.skin}'; allowed are {', '.join(SKINS)} or a folder "
-            "with skin.yaml; change it"
+            "with skin.yaml"
         )
     if command.skin not in SKIN_PRESETS:
         load_environment(command.skin, command.robot_urdf)

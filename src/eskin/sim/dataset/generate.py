@@ -185,9 +185,7 @@ def generate(
         GenerationError: the folder holds something else, or a clip cannot be made.
     """
     if workers < 0:
-        raise ValueError(
-            f"{workers} workers requested; allowed are 0 and above; change it"
-        )
+        raise ValueError(f"{workers} workers requested; allowed are 0 and above")
     started = time.monotonic()
     folder = Path(folder)
     if factory is None and settings.set_name == DEVICES:

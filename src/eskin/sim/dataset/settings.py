@@ -77,11 +77,11 @@ class GenerationSettings:
     def __post_init__(self) -> None:
         """Refuse settings that no set can be generated with."""
         if self.seed < 0:
-            raise ValueError(f"seed is {self.seed}; allowed are 0 and above; change it")
+            raise ValueError(f"seed is {self.seed}; allowed are 0 and above")
         if not 0 <= self.level <= MAX_DIFFICULTY:
             raise ValueError(
                 f"difficulty is {self.difficulty}; allowed are 0 (easiest) to "
-                f"{MAX_DIFFICULTY:g}; change it"
+                f"{MAX_DIFFICULTY:g}"
             )
         check_recorded(self)
         if self.families is not None:

@@ -157,8 +157,7 @@ class FaultStorm:
         """
         if not 0.0 <= config.loss <= 1.0:
             raise ValueError(
-                f"loss is {config.loss}; allowed is 0 to 1, the share of lost scans; "
-                "change it"
+                f"loss is {config.loss}; allowed is 0 to 1, the share of lost scans"
             )
         self.skin = skin
         self.config = config

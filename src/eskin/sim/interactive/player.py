@@ -51,7 +51,7 @@ class TouchPlayer:
             ValueError: the seed is negative.
         """
         if seed < 0:
-            raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
+            raise ValueError(f"seed is {seed}; allowed are 0 and above")
         constants = load_constants()
         self.generator = generator
         self.start = start
@@ -119,7 +119,7 @@ def open_simulation(uris: Sequence[str], config: SourceConfig, clock: Clock) -> 
     if isinstance(robot, Robot):
         raise DeviceError(
             f"source sim:{skin} is given with a robot that is loaded; allowed is its "
-            "name, or the path of its URDF; give that"
+            "name, or the path of its URDF"
         )
     simulator = Simulator(skin, robot=None if robot is None else str(robot))
     player = TouchPlayer(simulator, config.seed)

@@ -107,7 +107,7 @@ class InteractiveSkin:
             ValueError: the seed is negative.
         """
         if seed < 0:
-            raise ValueError(f"seed is {seed}; allowed are 0 and above; change it")
+            raise ValueError(f"seed is {seed}; allowed are 0 and above")
         self.env = load_environment(name, robot)
         self.mounted = self.env.mounted
         constants = self.env.constants

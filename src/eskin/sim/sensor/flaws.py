@@ -183,9 +183,7 @@ def check_names(what: str, names: Iterable[str], allowed: tuple[str, ...]) -> No
     """Refuse names that are not allowed."""
     for name in names:
         if name not in allowed:
-            raise ValueError(
-                f"{what} is {name!r}; allowed are {', '.join(allowed)}; correct it"
-            )
+            raise ValueError(f"{what} is {name!r}; allowed are {', '.join(allowed)}")
 
 
 RISE_SPAN = float(np.log(9.0))

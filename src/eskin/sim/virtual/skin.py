@@ -89,7 +89,7 @@ class VirtualSkin(Closing):
         if version not in (1, 2) or (version == 1 and key is not None):
             raise ValueError(
                 f"version is {version}{'' if key is None else ' with a key'}; allowed "
-                "are 1 and 2, and a key with 2; change it"
+                "are 1 and 2, and a key with 2"
             )
         self.skin = skin
         self.ports = tuple(ports)
