@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from eskin.drivers.csv_lines import END, LineDeframer, LineForm
 from eskin.drivers.csv_matrix import MatrixLine
 from eskin.drivers.sampled_source import estimate_rate
-from eskin.errors import DeviceError
 from test_drivers_devices import COLUMNS, JSON, ROWS, format_line, matrix_skin
 from test_firmware import COMPILER, FIRMWARE, STRICT, run_program
 
@@ -517,14 +516,6 @@ def test_line_that_lost_a_separator_is_not_taken_for_the_other_form():
     line = open_line(missing=(3, 9))
     good, short = (join([400 + n for n in range(size)]) + b"\n" for size in (30, 28))
     assert len(read_lines(line, [good, good, short, good, good])) == 4
-
-
-@pytest.mark.parametrize(
-    "text", ["x,tim=ms", "x,time=h", "x,scale=nan", "x,scale=1_0", "x,label=a,scale=b"]
-)
-def test_option_that_does_not_exist_is_refused_with_those_that_do(text):
-    with pytest.raises(DeviceError, match=r"allowed are time=ns.* decimal=comma.*"):
-        LineForm.parse(text)
 
 
 @given(st.lists(st.floats(0.5, 1.5), min_size=16, max_size=60), st.floats(-0.3, 3.3))

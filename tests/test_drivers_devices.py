@@ -576,18 +576,6 @@ JSON = st.recursive(
 )
 
 
-@pytest.mark.parametrize("uri", ["csv:/nowhere/port", "xela://127.0.0.1:1"])
-def test_device_that_is_not_there_is_refused(uri):
-    with pytest.raises(DeviceError, match="cannot open"):
-        open_source(uri, config=SourceConfig(skin=matrix_skin(), robot="table"))
-
-
-def test_number_of_ports_is_that_of_patches(tmp_path):
-    config = SourceConfig(skin=small_skin(), robot="table")
-    with pytest.raises(DeviceError, match="one port a patch"):
-        open_source("csv:a", "csv:b", config=config)
-
-
 def test_server_of_modules_commands_no_real_robot_unless_allowed():
     command = RunCommand(
         ("xela://127.0.0.1:5000",), robot="ur://127.0.0.1", ask=("terminal",)

@@ -1,13 +1,9 @@
 """Tests of which module has an address, and of the events that report it."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
-from eskin.drivers import Assembler, EventLog, FixedJoints
-from eskin.errors import SkinError
-from helpers.modules import SKIN, TAXELS, AssemblerRun, Module
+from eskin.drivers import EventLog
+from helpers.modules import TAXELS, AssemblerRun, Module
 from helpers.touch import SECOND, START
 
 FIRST = Module(serial=1)
@@ -101,12 +97,6 @@ def test_claims_of_many_modules_are_bounded():
     run = send_hellos([(n / 1000, Module(serial=n), "a") for n in range(300)])
     slot = run.assembler.registry.slots[0]
     assert len(slot.claims) <= 8 and slot.port is None
-
-
-def test_skin_with_two_patches_at_one_address_is_refused():
-    patches = (SKIN.patches[0], replace(SKIN.patches[1], address=0), SKIN.patches[2])
-    with pytest.raises(SkinError, match="3 patches at 2 addresses"):
-        Assembler(replace(SKIN, patches=patches), FixedJoints(np.zeros(0)), EventLog())
 
 
 def test_repeated_event_is_reported_once_a_minute_with_its_count():

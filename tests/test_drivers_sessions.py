@@ -26,7 +26,7 @@ from eskin.drivers import (
     read_key,
 )
 from eskin.drivers.sessions import CounterWindow
-from eskin.errors import DeviceError, PacketError
+from eskin.errors import PacketError
 from eskin.sim.virtual import (
     PtyPort,
     UdpPort,
@@ -287,27 +287,6 @@ def test_packet_that_is_too_long_for_a_seal_is_refused():
     with pytest.raises(PacketError, match="allowed with a seal are 1376") as caught:
         SessionSeal(KEY, CHALLENGE).close(encode_packet(full, 2), 0)
     assert caught.value.reason == "length"
-
-
-@pytest.mark.parametrize(
-    ("text", "mode", "remedy"),
-    [
-        (None, 0o600, "correct the path"),
-        ("00" * 32, 0o640, "chmod 600"),
-        ("00" * 31, 0o600, "openssl rand"),
-        ("zz" * 32, 0o600, "openssl rand"),
-        ("é" * 32, 0o600, "openssl rand"),
-        ("", 0o600, "openssl rand"),
-    ],
-)
-def test_bad_key_file_is_refused_in_one_line(tmp_path, text, mode, remedy):
-    path = tmp_path / "key"
-    if text is not None:
-        path.write_text(text, encoding="utf-8")
-        path.chmod(mode)
-    with pytest.raises(DeviceError, match=remedy) as caught:
-        read_key(path)
-    assert "\n" not in str(caught.value)
 
 
 def test_key_file_is_read(tmp_path):

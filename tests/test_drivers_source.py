@@ -15,7 +15,7 @@ from eskin.drivers import (
     encode_packet,
     replay_source,
 )
-from eskin.errors import DeviceError, RecordingError, SkinMismatchError
+from eskin.errors import DeviceError
 from eskin.recording import RecordingWriter, write_all
 from eskin.skin import MountedSkin
 from helpers.modules import (
@@ -28,7 +28,7 @@ from helpers.modules import (
     stream_all,
 )
 from helpers.streams import INFO, JOINTS, METADATA, make_scans, played, same_scans
-from helpers.touch import SECOND, START, build_grid_skin, calibration_of, one_link_robot
+from helpers.touch import SECOND, START, calibration_of, one_link_robot
 
 SCANS = make_scans(20)
 MOUNTED = MountedSkin(SKIN, one_link_robot())
@@ -144,20 +144,6 @@ def test_device_that_sends_no_byte_is_waited_for_no_longer_than_said():
     open_device(Silent(ManualClock(START), []), patience=2.5).close()
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "value"),
-    [
-        ({"calibration": calibration_of(build_grid_skin(2, 2))}, SkinMismatchError, 4),
-        ({"rate": 0.0}, DeviceError, 0.0),
-        ({"rate": float("nan")}, DeviceError, "nan"),
-        ({"rate": 1e6}, DeviceError, 1e6),
-    ],
-)
-def test_calibration_of_another_skin_or_wrong_rate_is_refused(options, error, value):
-    with pytest.raises(error, match=f"(rate is|calibration has) {value}"):
-        open_scripted([], **options)
-
-
 @pytest.fixture
 def recording(tmp_path):
     path = tmp_path / "a.mcap"
@@ -268,14 +254,3 @@ def test_recording_is_replayed_with_its_own_skin_and_joints(recording):
         assert info.rate == pytest.approx(50.0)
         assert same_scans(list(source), SCANS)
         assert source.take_events() == []
-
-
-@pytest.mark.parametrize("pace", [0.0, -1.0, math.nan])
-def test_pace_that_is_not_positive_is_refused(pace):
-    with pytest.raises(ValueError, match=f"{pace}.*positive"):
-        played(SCANS, pace)
-
-
-def test_missing_recording_is_refused(tmp_path):
-    with pytest.raises(RecordingError, match=r"gone\.mcap"):
-        replay_source(tmp_path / "gone.mcap")

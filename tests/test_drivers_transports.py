@@ -230,22 +230,6 @@ def test_patch_is_bound_to_its_sender_until_it_is_silent():
     assert not peers.admit(HELLO, "a", now)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "remedy"),
-    [
-        ({"host": "0.0.0.0"}, "loopback"),
-        ({"host": "192.0.2.1"}, "loopback"),
-        ({"host": "::"}, "loopback"),
-        ({"host": "nowhere"}, "IP address"),
-        ({"host": "192.0.2.1", "allow_remote": True}, "allowed is a free port"),
-        ({"port": 70_000}, "allowed is a free port"),
-    ],
-)
-def test_address_that_cannot_be_bound_is_refused(arguments, remedy):
-    with pytest.raises(DeviceError, match=remedy):
-        UdpTransport(HostClock(), **arguments)
-
-
 def test_remote_senders_may_be_allowed_and_a_port_is_bound_once():
     with open_udp(host="0.0.0.0", allow_remote=True) as transport:
         with pytest.raises(DeviceError, match="allowed is a free port"):

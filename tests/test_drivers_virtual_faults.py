@@ -185,30 +185,3 @@ def test_port_vanishes_with_its_last_patch_and_comes_back(tmp_path):
             except serial.SerialException:
                 continue
     assert {decode_packet(packet).address for packet in found} == {1, 2, 3}
-
-
-@pytest.mark.parametrize(
-    ("text", "part"),
-    [
-        ("", "''"),
-        ("lose=", "'lose='"),
-        ("lose@-1", "'lose@-1'"),
-        ("lose=nan", "'lose=nan'"),
-        ("explode", "unplug, replace"),
-        ("lose:nose", "left, middle, right"),
-        ("dead:left/x", "PATCH/rROW"),
-        ("dead:left/r7", "rows 0 to 2 and columns 0 to 3"),
-        ("lose:left,right", "2 patches; .* 1"),
-        ("swap", "0 patches; .* 2"),
-        ("swap:left", "1 patches; .* 2"),
-        ("swap:left,left", "twice"),
-        ("reboot@1-2", "@FROM"),
-        ("unplug@5-3", "3 s.*later"),
-        ("stall=3", "=3"),
-        ("lose=1.5", "1.5; .* 0 to 1"),
-    ],
-)
-def test_invalid_fault_is_refused_in_one_line(text, part):
-    with pytest.raises(ValueError, match=part) as caught:
-        parse_fault(text, small_skin())
-    assert "\n" not in str(caught.value)
