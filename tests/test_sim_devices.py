@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.errors import ImportSourceError
 from eskin.recording import find_recordings, read_recording
 from eskin.sim.contact.press import Press, SoftTissue, TrueTouch
 from eskin.sim.dataset import GenerationSettings, generate, read_index
@@ -140,14 +139,6 @@ def test_clips_are_of_the_gesture_that_their_device_shows(tmp_path):
     assert {row.file for row in rows if row.gesture == "grab"} <= closed
 
 
-@pytest.mark.parametrize(
-    "facts", [{"skin": "post"}, {"families": ("divider",)}, {"robot": "ur5"}]
-)
-def test_settings_that_devices_do_not_have_are_refused(facts):
-    with pytest.raises(ValueError, match="leave --"):
-        GenerationSettings("devices", **facts)
-
-
 def write_phone(path, travel_cells):
     """Write a participant who strokes over some cells, and then holds a fingertip."""
     frames = np.zeros((60, 27, 15), np.uint8)
@@ -175,9 +166,3 @@ def test_strokes_and_held_fingertips_on_a_phone_are_played_on_devices(tmp_path):
     clips = [simulator.make(plan) for plan in settings.plan_clips(session)[1:]]
     kinds = {truth.kind for clip in clips for truth in clip.truths}
     assert kinds == {"scroll", "tap"}
-
-
-def test_a_file_that_is_no_participant_is_refused_in_one_line(tmp_path):
-    (tmp_path / "P01.npz").write_bytes(b"nothing")
-    with pytest.raises(ImportSourceError, match="no participant"):
-        read_recorded_touches(tmp_path)

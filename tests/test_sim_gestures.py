@@ -181,20 +181,6 @@ def test_gestures_fit_a_plane_and_a_site_without_room(gesture, kind, radius, fre
             assert np.isfinite(press.force).all()
 
 
-@pytest.mark.parametrize(
-    ("gesture", "kind", "difficulty", "part"),
-    [
-        ("wave", None, 0.0, "'wave'"),
-        ("poke", "elbow", 0.0, "'elbow' of poke"),
-        ("rub", "elbow", 0.0, "'elbow' of rub"),
-        ("poke", None, -1.0, "difficulty is -1.0"),
-    ],
-)
-def test_unknown_gesture_kind_or_difficulty_is_refused(gesture, kind, difficulty, part):
-    with pytest.raises(ValueError, match=part):
-        perform_many(gesture, kind, difficulty)
-
-
 def test_cable_lies_still_but_for_its_swing_of_millimetres():
     for touch in perform_many("none", "cable", count=50):
         (press,) = touch.bodies

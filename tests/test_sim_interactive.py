@@ -277,29 +277,6 @@ def test_hand_performs_any_touch_where_there_is_room(what):
     assert {(truth.gesture, truth.touch) for truth in truths} == {(gesture, number)}
 
 
-@pytest.mark.parametrize(
-    ("call", "part"),
-    [
-        (lambda live, _: live.hand.poke(LinkPoint("tool0", np.zeros(3))), "'tool0'"),
-        (lambda live, point: live.hand.poke(point, -1.0), "force is -1.0"),
-        (lambda live, _: live.hand.perform("electrical"), "'electrical'"),
-        (lambda live, _: live.hand.perform("self_contact"), "fold the arm"),
-        (lambda live, _: live.hand.end(9), "touch 9 has not begun"),
-        (lambda live, p: live.hand.move(live.hand.poke(p), p), "0 is not dragged"),
-        (lambda live, _: live.scan(1, np.zeros(5)), "6 finite numbers"),
-        (lambda live, _: live.unplug("x"), "no patch 'x'"),
-        (lambda live, _: live.kill(2.0), "share is 2"),
-        (lambda *_: InteractiveSkin("x"), "no skin 'x'"),
-        (lambda *_: TouchPlayer(StandIn("small"), -1), "seed is -1"),
-    ],
-)
-def test_bad_argument_is_refused_in_one_line(call, part):
-    live = InteractiveSkin()
-    with pytest.raises(ValueError, match=part) as caught:
-        call(live, find_point(live, "forearm_back"))
-    assert "\n" not in str(caught.value)
-
-
 def play(generator, count, seed=0):
     return list(islice(TouchPlayer(generator, seed, start=5).scans(), count))
 

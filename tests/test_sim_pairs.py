@@ -213,18 +213,3 @@ def test_clip_of_a_pair_can_be_made_again_alone(pair_set):
     assert clip.counts.tobytes() == arrays.counts[inside].tobytes()
     with pytest.raises(GenerationError, match="skin 'flat'.* 'bent'"):
         remake_clip(row, build_small_simulator("bent"))
-
-
-@pytest.mark.parametrize("clips", [0, 3])
-def test_odd_number_of_clips_is_refused(clips):
-    with pytest.raises(ValueError, match=f"{clips} clips .* 2, 4"):
-        GenerationSettings("pairs", clips=clips)
-
-
-@pytest.mark.parametrize(
-    ("kind", "skin", "part"),
-    [("stretching", "bent", "bending, merging"), ("merging", "bent", "elbow_joint")],
-)
-def test_impossible_pair_is_refused(kind, skin, part):
-    with pytest.raises(ValueError, match=part):
-        make_pair(kind, 0, env=load_environment(skin))

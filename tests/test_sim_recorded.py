@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from eskin.errors import GenerationError, ImportSourceError
+from eskin.errors import GenerationError
 from eskin.recording import find_recordings, read_recording
 from eskin.sets.socialtouch import (
     GESTURES,
@@ -18,7 +18,6 @@ from eskin.sim.contact.press import ContactSite, MoviePress
 from eskin.sim.contact.pressure import compute_movie_field, compute_movie_force
 from eskin.sim.dataset import GenerationSettings, generate, read_index
 from eskin.sim.people.recorded import (
-    RecordedPeople,
     RecordedTouch,
     draw_recorded_touch,
     find_recorded_people,
@@ -181,42 +180,6 @@ def test_digest_is_of_the_touches_of_the_people_asked_for(folder):
     ]
     assert len(set(digests)) == 3
     assert digests[2] == digests[3]
-
-
-@pytest.mark.parametrize(
-    ("people", "part"), [([7], "participant 7; allowed are 0, 1"), ([], "any")]
-)
-def test_missing_people_are_refused(folder, people, part):
-    with pytest.raises(GenerationError, match=part):
-        find_recorded_people(folder, people)
-
-
-def test_folder_without_touches_or_without_a_class_is_refused(tmp_path):
-    with pytest.raises(ImportSourceError, match="no folder"):
-        find_recorded_people(tmp_path / "gone")
-    empty = tmp_path / "empty"
-    poked = tmp_path / "poked"
-    empty.mkdir()
-    write_socialtouch(poked)
-    with pytest.raises(GenerationError, match="folders of the SocialTouch set"):
-        find_recorded_people(empty)
-    with pytest.raises(GenerationError, match="no double_pat, none, stroke of"):
-        find_recorded_people(poked)
-
-
-@pytest.mark.parametrize(
-    ("facts", "part"),
-    [
-        ({"set_name": "recorded"}, "without recorded touches"),
-        ({"set_name": "train", "recorded": True}, "set 'train'.* sets recorded"),
-        ({"set_name": "recorded", "recorded": True, "subjects": 2}, "--people"),
-    ],
-)
-def test_settings_that_contradict_each_other_are_refused(tmp_path, facts, part):
-    if "recorded" in facts:
-        facts = facts | {"recorded": RecordedPeople(tmp_path, (0,), "")}
-    with pytest.raises(ValueError, match=part):
-        GenerationSettings(**facts)
 
 
 @pytest.mark.slow

@@ -156,17 +156,3 @@ def test_baseline_shift_after_a_touch_decays_and_is_smaller_after_a_light_one():
         shifts.append(abs(counts[[80, -1]] - counts[0]))
         assert shifts[-1][1] < shifts[-1][0] / 4
     assert 0 < shifts[0][0] < 0.5 * shifts[1][0]
-
-
-@pytest.mark.parametrize(
-    ("options", "fault"),
-    [
-        ({"taxels": np.array([1, 2, 3, 4, 4])}, "twice"),
-        ({"lead": 500}, "lead is 500"),
-        ({"pressure": np.full((10, 5), np.nan)}, "not finite"),
-    ],
-)
-def test_pressure_that_does_not_fit_is_refused(options, fault):
-    with pytest.raises(ValueError, match=fault) as caught:
-        sense_build(**options)
-    assert "\n" not in str(caught.value)

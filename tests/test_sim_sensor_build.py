@@ -160,8 +160,3 @@ def test_electrical_event_changes_its_place_and_time_only(kind):
             assert values.min() < 200 < values.max()
     assert min(lengths) >= 1 and max(lengths) <= 60
     assert (REST == 200).all() and RECEIVED.all()
-
-
-def test_unknown_electrical_event_is_refused():
-    with pytest.raises(ValueError, match="'spark'.*allowed are line_step"):
-        add_event("spark", 1)

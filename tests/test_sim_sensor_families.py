@@ -97,11 +97,6 @@ def test_flaw_that_is_named_is_all_that_changes(flaw):
     assert changed and whole.all()
 
 
-def test_unknown_flaw_is_refused():
-    with pytest.raises(ValueError, match="flaw is 'rust'; allowed are noise, noisy"):
-        draw_flawed({"rust": "high"})
-
-
 @pytest.mark.parametrize("family", FAMILIES)
 def test_readings_do_not_depend_on_how_many_are_read_at_a_time(family):
     # With jitter, a patch may be scanned after the latest step that there is yet.

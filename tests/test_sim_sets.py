@@ -181,19 +181,6 @@ def test_any_set_can_be_made_of_chosen_families():
     assert "families" not in usual.to_json()
 
 
-@pytest.mark.parametrize(
-    ("name", "families", "message"),
-    [
-        ("train", (), "families are none; allowed are one or more of divider"),
-        ("train", ("linear", "linear"), "families are linear, linear; allowed"),
-        ("pairs", ("linear",), "families requested of set 'pairs'"),
-    ],
-)
-def test_families_that_make_no_set_are_refused(name, families, message):
-    with pytest.raises(ValueError, match=message):
-        GenerationSettings(name, families=families)
-
-
 def test_no_two_clips_people_or_builds_have_the_same_seed():
     seeds: dict[tuple, tuple] = {}
     for name in SETS:

@@ -105,9 +105,3 @@ def test_streams_can_be_made_on_a_robot_without_joints(kind):
     clip = get_simulator("base").make(replace(plan_clips()[0], **changes))
     assert len(clip.counts) == 1000
     assert bool(clip.truths) == (kind != "quiet")
-
-
-def test_pairs_are_refused_on_a_robot_that_cannot_fold():
-    with pytest.raises(ValueError, match="'pairs'.*'base'") as caught:
-        GenerationSettings("pairs", "base", clips=2)
-    assert "\n" not in str(caught.value)
