@@ -162,6 +162,17 @@ def test_poke_of_a_hand_that_hovered_has_its_own_onset():
     assert others == {last.id}
 
 
+@pytest.mark.parametrize("hertz", [1.3, 2.7, 4.1])
+def test_rest_stays_under_a_light_touch_that_lasts(hertz):
+    pipeline = build_pipeline(MOUNTED)
+    for t in np.arange(25 * RATE) / RATE:
+        touch = (10.5 + 3.4 * np.sin(2 * np.pi * hertz * t)) * PAD * (t >= 5.0)
+        state = pipeline.push_scan(scan_at(t, np.round(200 + touch)))
+    # Contact begins at 7 counts, and they are clearly a touch from 14 on.
+    assert state.contacts[0].taxels.tolist() == np.flatnonzero(PAD).tolist()
+    assert pipeline.front_end.rest == pytest.approx(200, abs=0.1)
+
+
 def test_contact_leaves_out_what_is_far_weaker_than_its_peak():
     pad = press(PAD, 5.0, 9.0, 400.0)
     halo = press(WIDE, 5.0, 9.0, 30.0)

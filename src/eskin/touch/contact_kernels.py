@@ -17,6 +17,7 @@ from eskin.touch.records import (
     TrackingParameters,
 )
 from eskin.touch.taxel_kernels import SHORTEST_PRESS, select
+from eskin.touch.taxels import Instant
 
 PA_PER_KPA = 1000.0
 PRESSED_FLOOR = 0.75
@@ -164,6 +165,36 @@ def find_candidates(
 
 
 @compiled
+def raise_limit(limit: float, floor: float, share: float = 1.0) -> float:
+    """Return a limit of pressure that is no less than a share of the noise [kPa].
+
+    The share is 1 where a taxel must stand out of the noise by itself. Beside what is
+    known of it already, that something presses it or a neighbour, it is less.
+
+    Args:
+        limit: the limit of a taxel without noise [kPa].
+        floor: pressure up to which the taxel may be noise [kPa].
+        share: the share of that.
+    """
+    return max(limit, share * floor)
+
+
+@compiled
+def is_clear(pressure: float, floor: float) -> bool:
+    """Return whether a pressure is clearly above what may be noise [kPa]."""
+    return pressure >= BAND.clear_factor * raise_limit(MIN_NOISE, floor)
+
+
+@compiled
+def still_pressed_since(instant: Instant, context: TrackerContext) -> float:
+    """Return the time of the oldest press that goes on [s].
+
+    A press goes on from reading to reading, and for a short time without data.
+    """
+    return min(instant.previous, instant.now - context.parameters.dropout_seconds)
+
+
+@compiled
 def select_pressed(
     candidates: Indices, reading: KernelReading, context: TrackerContext
 ) -> Indices:
@@ -177,7 +208,7 @@ def select_pressed(
     """
     parameters = context.parameters
     instant = reading.instant
-    since = min(instant.previous, instant.now - parameters.dropout_seconds)
+    since = still_pressed_since(instant, context)
     chosen = np.empty(len(candidates), np.int64)
     count = 0
     for i in candidates:
@@ -186,10 +217,10 @@ def select_pressed(
         taxel = context.taxels[i]
         pressure = reading.pressure[i]
         if taxel.pressed and taxel.pressed_at >= since:
-            least = max(parameters.off, PRESSED_FLOOR * taxel.floor)
+            least = raise_limit(parameters.off, taxel.floor, PRESSED_FLOOR)
             enough = pressure >= least
         else:
-            enough = pressure >= max(parameters.on, taxel.floor)
+            enough = pressure >= raise_limit(parameters.on, taxel.floor)
             is_new = taxel.risen_at < since and taxel.floor > 0.0
             if enough and is_new and rises_alone(i, reading, context):
                 taxel.risen_at = instant.now
@@ -209,7 +240,8 @@ def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool
     span = context.geometry[i].neighbours
     for k in range(span[0], span[1]):
         j = context.neighbours[k]
-        least = max(context.parameters.off, PRESSED_FLOOR * context.taxels[j].floor)
+        floor = context.taxels[j].floor
+        least = raise_limit(context.parameters.off, floor, PRESSED_FLOOR)
         if reading.valid[j] and reading.pressure[j] >= least:
             return False
     return True
@@ -253,7 +285,7 @@ def note_press(i: int, reading: KernelReading, context: TrackerContext) -> None:
     instant = reading.instant
     taxel = context.taxels[i]
     pressure = reading.pressure[i]
-    since = min(instant.previous, instant.now - context.parameters.dropout_seconds)
+    since = still_pressed_since(instant, context)
     last = max(taxel.pressed_at, taxel.risen_at)
     if last != instant.previous:
         taxel.onset = instant.stamp
@@ -323,7 +355,7 @@ def follow_falls(
         taxel.strongest = max(fade * taxel.strongest, taxel.smooth)
         context.recent[slot, i] = taxel.smooth
         rate = compute_fall(i, taxel.smooth, before, now, context)
-        clear = PRESS_END.clear_press * max(parameters.off, taxel.floor)
+        clear = PRESS_END.clear_press * raise_limit(parameters.off, taxel.floor)
         if taxel.smooth >= clear:
             taxel.fastest = max(taxel.fastest, rate)
         if not taxel.released and rate >= limit and taxel.strongest >= clear:
@@ -331,7 +363,8 @@ def follow_falls(
             taxel.lowest = taxel.smooth
         elif taxel.released:
             taxel.lowest = min(taxel.lowest, taxel.smooth)
-            rise = max(PRESS_END.again_share * taxel.lowest, parameters.on, taxel.floor)
+            rise = PRESS_END.again_share * taxel.lowest
+            rise = max(rise, raise_limit(parameters.on, taxel.floor))
             if taxel.smooth >= taxel.lowest + rise:
                 taxel.released = 0
                 taxel.onset = reading.instant.stamp
@@ -397,15 +430,16 @@ def keep_pressed(
     taxels = context.taxels
     kept = context.pressed
     instant = reading.instant
-    since = min(instant.previous, instant.now - context.parameters.dropout_seconds)
+    since = still_pressed_since(instant, context)
     count = 0
     fastest = 0.0
     for k in range(context.pressed_count[0]):
         i = kept[k]
         if taxels[i].pressed_at == instant.now:
             continue
+        taxels[i].clear = 0
         if reading.valid[i]:
-            least = max(context.parameters.off, taxels[i].floor)
+            least = raise_limit(context.parameters.off, taxels[i].floor)
             rate = taxels[i].fastest
             clear = PRESS_END.clear_press * least
             if before >= 0 and context.recent[before, i] >= clear:
@@ -420,6 +454,7 @@ def keep_pressed(
             count += 1
     for i in pressed:
         taxels[i].pressed = 1
+        taxels[i].clear = is_clear(reading.pressure[i], taxels[i].floor)
         kept[count] = i
         count += 1
     context.pressed_count[0] = count
@@ -681,11 +716,11 @@ def weigh_contact(
         taxel = context.taxels[i]
         if taxel.floor == 0.0:
             return np.inf
-        noise = max(taxel.floor, MIN_NOISE)
+        noise = raise_limit(MIN_NOISE, taxel.floor)
         strength = math.log(max(reading.pressure[i] / noise, 1.0))
         strength = min(strength, most)
         evidence += strength
-        clear += reading.pressure[i] >= BAND.clear_factor * noise
+        clear += taxel.clear
         if strength > strongest:
             strongest = strength
             changed = taxel.changed != 0

@@ -23,8 +23,6 @@ class KernelScan(NamedTuple):
     """(taxel) whether the counts are new, of no outage and of no faulty taxel."""
     starts: np.ndarray
     """(taxel) whether rest begins anew with the counts; written by `check_patches`."""
-    pressed: np.ndarray
-    """(some) taxels that were pressed clearly above their noise at the last reading."""
     faulty: np.ndarray
     """(taxel) which taxels are faulty; those with negative counts are added."""
 

@@ -20,7 +20,7 @@ from eskin.touch.fault_kernels import (
 )
 from eskin.touch.faults import Fault, list_faults
 from eskin.touch.known_rest import KnownRest
-from eskin.touch.noise_kernels import BAND
+from eskin.touch.noise_kernels import BAND, begin_taxels
 from eskin.touch.outage_kernels import check_patches
 from eskin.touch.polarity import PolarityDetector
 from eskin.touch.reading import Reading, Scan, check_count
@@ -46,7 +46,6 @@ Counts = Int[np.ndarray, "taxel"]
 
 MAX_OBSERVATIONS = 200
 """Number of latest observations of crosstalk whose median is the estimate."""
-NO_TAXELS = np.empty(0, np.int64)
 
 
 @final
@@ -95,12 +94,8 @@ class FrontEnd:
         self.clock = ReadingClock()
         self.places = TaxelPlaces.build(skin)
         self.constants = build_constants(self.calibration)
-        self.taxels = build_taxels(self.constants)
-        sigmas = BAND.noise_sigmas * self.constants["start_noise"]
-        self.taxels["noise_limit"] = np.maximum(sigmas, self.constants["least_noise"])
-        self.taxels["band"] = self.constants["contact"] / 2.0
-        clear = BAND.clear_factor * self.taxels["noise_limit"]
-        self.taxels["margin"] = np.maximum(self.constants["clear"], clear)
+        self.taxels = build_taxels(skin.count)
+        begin_taxels(self.constants, self.taxels)
         self.patches = build_patches(len(skin.patches))
         self.crosstalk = build_crosstalk(skin.count, self.places)
         self.fault_config = faults or FaultConfig()
@@ -133,13 +128,11 @@ class FrontEnd:
         self.taxel_faults: tuple[Fault, ...] = ()
         self.faults: tuple[Fault, ...] = ()
 
-    def make_reading(
-        self, scan: Scan, pressed: Int[np.ndarray, "some"] = NO_TAXELS
-    ) -> Reading:
+    def make_reading(self, scan: Scan) -> Reading:
         """Return the reading of the next scan.
 
-        Data that cannot be trusted is not valid in it. The rest of `pressed` taxels,
-        which were pressed at the last reading, stays.
+        Data that cannot be trusted is not valid in it. The rest of taxels stays that
+        were clearly pressed at the last reading.
 
         Raises:
             ReadingError: the scan is of another skin, or not later than the last one.
@@ -159,7 +152,6 @@ class FrontEnd:
             heard=scan.received,
             used=received & ~invalid,
             starts=np.empty(self.skin.count, np.bool_),
-            pressed=pressed,
             faulty=self.mask.copy(),
         )
         if check_patches(kernel_scan, self.context):

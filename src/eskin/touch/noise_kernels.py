@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.compiled import compiled
 from eskin.touch.context import FrontEndContext, KernelScan
 from eskin.touch.pressure_kernels import add_unfelt, linearise_counts
-from eskin.touch.taxel_kernels import SHORTEST_PRESS, find_near, select
+from eskin.touch.taxel_kernels import SHORTEST_PRESS, find_near, reset_taxel, select
 
 Taxels = Int[np.ndarray, "some"]
 Flags = Bool[np.ndarray, "taxel"]
@@ -268,14 +268,7 @@ def limit_noise(
         restless &= is_noisier
         if noisy[i] or restless:
             taxel.last_doubted = scan.instant.now
-        fast = max(BAND.noise_sigmas * noise, least)
-        wander = max(taxel.wander / contact, BAND.wander_share * usual[1, patch])
-        slow = BAND.wander_sigmas * wander * contact
-        taxel.noise_limit = max(fast, slow)
-        band = max(fast, min(slow, BAND.most_wander_contacts * contact), contact / 2.0)
-        taxel.band = min(band, BAND.most_contacts * contact)
-        clear = BAND.clear_factor * taxel.noise_limit
-        taxel.margin = max(constants[i].clear, clear)
+        limit_taxel(i, usual[1, patch], constants, taxels)
         floor = linearise_counts(taxel.noise_limit, curve) * constants[i].gain
         floor = add_unfelt(floor, curve)
         if since < NOISE.seconds and constants[i].start_noise == 0.0:
@@ -284,6 +277,45 @@ def limit_noise(
         # Most taxels fail at this, before the context is handed over.
         is_low = taxel.first < taxel.rest - contact
         lifted[i] = is_low and is_lifted(i, context)
+
+
+@compiled
+def limit_taxel(
+    i: int, usual: float, constants: np.ndarray, taxels: np.ndarray
+) -> None:
+    """Write the counts above rest at which a taxel may be noise, and may be touched.
+
+    Noise from scan to scan is known of each taxel, wandering about rest only where it
+    went below it: the others of the patch tell of that, too. Faults look at both sides
+    of rest, where much wandering must not hide them: it counts less in the band.
+
+    Args:
+        i: index of the taxel.
+        usual: median of the wandering of its patch, in units of the counts at which
+            contact begins.
+        constants: (taxel) `TAXEL_CONSTANTS`.
+        taxels: (taxel) `TAXEL`, whose `noise_limit`, `band` and `margin` are written.
+    """
+    taxel = taxels[i]
+    contact = constants[i].contact
+    fast = max(BAND.noise_sigmas * taxel.noise, constants[i].least_noise)
+    wander = max(taxel.wander / contact, BAND.wander_share * usual)
+    slow = BAND.wander_sigmas * wander * contact
+    taxel.noise_limit = max(fast, slow)
+    band = max(fast, min(slow, BAND.most_wander_contacts * contact), contact / 2.0)
+    taxel.band = min(band, BAND.most_contacts * contact)
+    clear = BAND.clear_factor * taxel.noise_limit
+    taxel.margin = max(constants[i].clear, clear)
+
+
+@compiled
+def begin_taxels(constants: np.ndarray, taxels: np.ndarray) -> None:
+    """Begin the state of taxels of which no data has been received."""
+    for i in range(len(taxels)):
+        reset_taxel(i, constants, taxels)
+        limit_taxel(i, 0.0, constants, taxels)
+        # Nothing is known to be noise until the first check.
+        taxels[i].band = constants[i].contact / 2.0
 
 
 @compiled

@@ -30,7 +30,6 @@ from eskin.touch.contact_kernels import (
 )
 from eskin.touch.faults import Fault
 from eskin.touch.front_end import FrontEnd
-from eskin.touch.noise_kernels import BAND
 from eskin.touch.reading import Reading, Scan, check_count
 from eskin.touch.records import (
     NO_TOUCHES,
@@ -135,7 +134,6 @@ class TouchTracker:
         )
         # By patch, row and column.
         self.order = np.lexsort((skin.columns, skin.rows, skin.patch_index))
-        self.pressed_taxels = np.empty(skin.count, np.int64)
         self.pressed_count = np.zeros(1, np.int64)
         self.release_rate = np.full(1, 1.0 / release_seconds)
         context = TrackerContext(
@@ -143,7 +141,7 @@ class TouchTracker:
             geometry=build_taxel_geometry(mounted, adjacency),
             neighbours=adjacency.neighbours,
             taxels=taxels,
-            pressed=self.pressed_taxels,
+            pressed=np.empty(skin.count, np.int64),
             pressed_count=self.pressed_count,
             recent=np.zeros((RECENT, skin.count)),
             recent_times=np.full(RECENT, -np.inf),
@@ -199,11 +197,6 @@ class TouchTracker:
         It is that of the calibration until enough releases have been seen.
         """
         return float(1.0 / self.release_rate[0])
-
-    @property
-    def pressed(self) -> Int[np.ndarray, "pressed"]:
-        """Indices of the taxels that were pressed at the last reading."""
-        return self.pressed_taxels[: self.pressed_count[0]]
 
     def finish(self) -> TrackingResult:
         """Drop all tracks and touches, and return the touches of the last reading."""
@@ -331,7 +324,7 @@ class TouchPipeline:
             ReadingError: As for `push_scan`.
         """
         self.tracker.poses.check(scan.q)
-        reading = self.front_end.make_reading(scan, self.find_pressed())
+        reading = self.front_end.make_reading(scan)
         self.calibrated = self.front_end.clock.latest
         if len(self.insensitive):
             self.raise_insensitive(reading, self.front_end.turn(scan).counts)
@@ -351,14 +344,6 @@ class TouchPipeline:
         # Rounded up, so that float32 does not end below the threshold.
         least = np.nextafter(np.float32(self.contact), np.float32(np.inf))
         reading.pressure[raised] = np.maximum(reading.pressure[raised], least)
-
-    def find_pressed(self) -> Int[np.ndarray, "pressed"]:
-        """Find the taxels that are pressed, clearly above their noise."""
-        pressed = self.tracker.pressed
-        if self.reading is None or not len(pressed):
-            return pressed
-        floor = self.front_end.floor[pressed]
-        return pressed[self.reading.pressure[pressed] >= BAND.clear_factor * floor]
 
     def push_reading(
         self, reading: Reading, faults: tuple[Fault, ...] = ()

@@ -88,6 +88,7 @@ def follow_rest(scan: KernelScan, packed_context: Packed, pressure: Values) -> N
     now = scan.instant.now
     size = context.samples.shape[1]
     touched = False
+    pressed = False
     for i in range(len(taxels)):
         taxel = taxels[i]
         if not scan.used[i]:
@@ -111,7 +112,8 @@ def follow_rest(scan: KernelScan, packed_context: Packed, pressure: Values) -> N
                 taxel.touched_since = now
         else:
             taxel.touched_since = np.inf
-    if touched or len(scan.pressed):
+        pressed |= taxel.clear != 0
+    if touched or pressed:
         mark_touched(scan, context)
     if context.line_share > 0.0:
         if touched:
@@ -122,17 +124,23 @@ def follow_rest(scan: KernelScan, packed_context: Packed, pressure: Values) -> N
 
 
 @compiled
+def is_touched(i: int, taxels: np.ndarray) -> bool:
+    """Return whether the latest counts of a taxel were above its margin.
+
+    They tell of it for `STALE_SECONDS`.
+    """
+    return taxels[i].touched_since < np.inf
+
+
+@compiled
 def mark_touched(scan: KernelScan, context: FrontEndContext) -> None:
     """Mark taxels that are touched and their neighbours, and raise their peaks."""
     taxels = context.taxels
     now = scan.instant.now
     chosen = np.zeros(len(taxels), np.bool_)
     for i in range(len(taxels)):
-        if scan.used[i] and taxels[i].above > taxels[i].margin:
+        if scan.used[i] and (is_touched(i, taxels) or taxels[i].clear):
             chosen[i] = not is_residual(i, now, context)
-    for i in scan.pressed:
-        if scan.used[i] and not is_residual(i, now, context):
-            chosen[i] = True
     # What is residual depends on peaks, which are raised once all is known.
     for i in range(len(taxels)):
         if chosen[i]:
@@ -183,7 +191,7 @@ def is_residual(i: int, now: float, context: FrontEndContext) -> bool:
     if taxel.above < parameters.residual * taxel.peak:
         return True
     for j in find_near(i, context.places.adjacency):
-        if context.taxels[j].touched_since < np.inf:
+        if is_touched(j, context.taxels):
             return False
     return True
 
@@ -200,13 +208,12 @@ def bound_crosstalk(scan: KernelScan, context: FrontEndContext) -> None:
     row_sums = np.zeros(len(rows.sizes))
     column_sums = np.zeros(len(columns.sizes))
     for i in range(len(taxels)):
-        above = taxels[i].above
-        if scan.used[i] and above > taxels[i].margin:
-            row_sums[rows.group_index[i]] += above
-            column_sums[columns.group_index[i]] += above
+        if scan.used[i] and is_touched(i, taxels):
+            row_sums[rows.group_index[i]] += taxels[i].above
+            column_sums[columns.group_index[i]] += taxels[i].above
     for i in range(len(taxels)):
         others = row_sums[rows.group_index[i]] + column_sums[columns.group_index[i]]
-        if scan.used[i] and taxels[i].above > taxels[i].margin:
+        if scan.used[i] and is_touched(i, taxels):
             others -= 2.0 * taxels[i].above
         context.crosstalk.bound[i] = context.line_share * others
 
@@ -237,7 +244,7 @@ def move_rest(scan: KernelScan, context: FrontEndContext) -> None:
         taxel.last_used = now
         if taxel.sample_count < size:
             continue
-        above = count - taxel.rest
+        above = taxel.above
         if abs(count - taxel.steady_level) > band * margin:
             taxel.steady_level = count
             taxel.steady_since = now
@@ -269,14 +276,14 @@ def move_rest(scan: KernelScan, context: FrontEndContext) -> None:
             and is_residual(i, now, context)
         ):
             step = dt / (parameters.settle_seconds + dt)
-        elif taxel.touched_since < np.inf:
+        elif is_touched(i, taxels):
             if now - taxel.touched_since > parameters.longest_seconds:
                 step = drift_step
         elif now - taxel.last_touched > freeze:
             step = drift_step
         taxel.rest += step * above
         taxel.peak *= fading
-        if above > margin:
+        if is_touched(i, taxels):
             taxel.peak = max(taxel.peak, taxel.confirmed)
         elif taxel.peak < margin:
             taxel.peak = 0.0

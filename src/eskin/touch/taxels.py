@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from eskin.skin import Skin
 from eskin.touch.adjacency import Adjacency, TaxelGroups
 from eskin.touch.reading import check_order
-from eskin.touch.taxel_kernels import NEVER, reset_taxel
+from eskin.touch.taxel_kernels import NEVER
 from eskin.units import NS_PER_S, seconds_between
 
 Taxels = Int[np.ndarray, "some"]
@@ -47,7 +47,7 @@ TAXEL = build_dtype(
     integers=" ".join(
         [
             "counts accepted code sample_count",
-            "onset pressed released changed moved scratch_index",
+            "onset pressed clear released changed moved scratch_index",
         ]
     ),
     reals=" ".join(
@@ -94,7 +94,8 @@ step; `last_doubted`, when it was last doubtful; `code`, its fault, `NO_FAULT` f
 its smallest counts above zero; `last_unpressed` and `unanswered`, when no neighbour was
 last pressed, and for how long it did not respond while they were.
 
-Contact: `pressed`, whether something presses it; `pressed_at`, when it last did;
+Contact: `pressed`, whether something presses it; `clear`, whether clearly more than
+what may be noise; `pressed_at`, when something last did;
 `onset`, the stamp since which it is in contact [ns]; `released`, whether its contact
 has ended although it has not been at rest since; `latest`, its latest pressure;
 `smooth`, the same without noise; `highest`, the greatest since it is pressed, and
@@ -196,13 +197,11 @@ class TaxelPlaces(NamedTuple):
         )
 
 
-def build_taxels(constants: np.ndarray) -> np.ndarray:
-    """Build the state (taxel) of a skin of which no data has been received."""
-    taxels = np.zeros(len(constants), TAXEL)
+def build_taxels(count: int) -> np.ndarray:
+    """Build the state (taxel) of a skin, which `begin_taxels` begins."""
+    taxels = np.zeros(count, TAXEL)
     taxels["scratch_index"] = -1
     taxels["last_doubted"] = NEVER
-    for i in range(len(taxels)):
-        reset_taxel(i, constants, taxels)
     return taxels
 
 
