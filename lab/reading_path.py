@@ -119,10 +119,11 @@ def receive(calibration: Path, profiler: Profiler) -> tuple[int, int]:
         for scan in source:
             found += len(recognizer.push(scan))
             count += profiler.on
-            profiler.on = found > 0
-            if found > DETECTIONS or time.monotonic() > end:
+            is_over = found > DETECTIONS or time.monotonic() > end
+            # Closing the source is no part of a reading's path.
+            profiler.on = found > 0 and not is_over
+            if is_over:
                 break
-    profiler.on = False
     return count, max(found - 1, 0)
 
 
