@@ -202,6 +202,7 @@ PAGE = (
             "python -m lab.flaws touches --builds 20 --minutes 1 --keep "
             "FOLDER/touches.jsonl",
         ),
+        keeps="the result of each build",
     ),
     Part(
         "rest",
