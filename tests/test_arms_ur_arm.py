@@ -82,22 +82,6 @@ def test_question_is_shown_whatever_stops_the_robot():
 
 
 @pytest.mark.parametrize(
-    ("uri", "outputs", "allowed"),
-    [
-        ("ur://127.0.0.1", (0, 0), "0 to 7 except 0, the gripper's"),
-        ("ur://127.0.0.1", (5, 5), "0 to 7 except 5, the gripper's"),
-        ("ur://127.0.0.1", (0, 8), "0 to 7 except 0"),
-        ("ur://127.0.0.1", (0, -1), "0 to 7 except 0"),
-        ("sim:ur5", (0, 3), "none, since it has no outputs"),
-    ],
-)
-def test_output_that_cannot_show_a_question_is_refused(uri, outputs, allowed):
-    gripper, question = outputs
-    with pytest.raises(ArmError, match=f"output {question} of {uri}.*{allowed}"):
-        open_arm(uri, gripper_output=gripper, question_output=question)
-
-
-@pytest.mark.parametrize(
     ("reason", "fault"),
     [
         ("lost connection", None),

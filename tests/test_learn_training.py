@@ -27,7 +27,7 @@ from eskin.learn.last_layer import (
     regress,
     spread,
 )
-from eskin.learn.training import TEMPERATURES, TrainConfig, Trainer
+from eskin.learn.training import TEMPERATURES, Trainer
 from eskin.live import Model, ModelCard
 from helpers.clips import generated
 from helpers.learning import AS_RECORDED, TINY, record, record_people
@@ -522,27 +522,3 @@ def test_the_temperature_is_above_zero_and_no_worse_than_none(dataset):
     unvalidated = Trainer(dataset, VOCABULARY, replace(TINY, validation=0.0))
     assert unvalidated.score_held_out()[1] == 1.0
     assert np.isnan(unvalidated.score_held_out()[0])
-
-
-@pytest.mark.parametrize(
-    ("entry", "value"),
-    [
-        ("epochs", 0),
-        ("steps", -1),
-        ("batch", 0),
-        ("encoded", 0),
-        ("readings", 0),
-        ("workers", 0),
-        ("patience", -1),
-        ("rate", 0.0),
-        ("rate", float("nan")),
-        ("decay", -0.1),
-        ("decay", float("inf")),
-        ("smoothing", 1.5),
-        ("validation", 1.0),
-        ("validation", -0.1),
-    ],
-)
-def test_settings_out_of_range_are_refused_by_name(entry, value):
-    with pytest.raises(ValueError, match=f"{entry} is {value}; allowed"):
-        TrainConfig(**{entry: value})

@@ -9,9 +9,10 @@ REFUSALS = ("error", "call", "parts")
 def refusal(name, error, call, *parts):
     """Return a row: its name, the error, what is called, and parts of the message.
 
-    The call has one argument, such as an empty folder.
+    The call takes what the test of the table gives it, which is an empty folder in most
+    tables.
     """
-    return pytest.param(error, call, parts, id=name)
+    return pytest.param(error, call, parts, id=f"{name:.60}")
 
 
 def check_refusal(error, call, parts, *given):
