@@ -18,7 +18,6 @@ each try.
 """
 
 import json
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
@@ -120,7 +119,8 @@ class Try:
     moved: float | None = None
     """When it moved."""
     decisions: list[tuple[str, bool, str, float]] = field(default_factory=list)
-    """What was decided: action, whether it was executed, why, and when."""
+    """What was decided: action, whether it was executed, the cause in words, and when.
+    """
 
     @property
     def is_detected(self) -> bool:
@@ -129,7 +129,7 @@ class Try:
 
     @property
     def reason(self) -> str:
-        """Why the arm did not start, without numbers; empty where it did."""
+        """Why the arm did not start, in a few words; empty where it did."""
         if self.moved is not None:
             return ""
         if self.end is None:
@@ -137,7 +137,7 @@ class Try:
         if self.felt is None:
             return "the grab was not felt"
         refused = [
-            re.split(r"[:;,(\d]", why)[0].strip()
+            why
             for action, accepted, why, _ in self.decisions
             if action == "resume" and not accepted
         ]
@@ -224,7 +224,12 @@ class Starter:
         one.detected = self.tell_detected(grab)
         decisions = touched.notes.decisions[earlier:]
         one.decisions = [
-            (event.action, event.accepted, event.why, (event.stamp - zero) / NS_PER_S)
+            (
+                event.action,
+                event.accepted,
+                event.reason.cause.words,
+                (event.stamp - zero) / NS_PER_S,
+            )
             for event in decisions
         ]
         started = [each for each in decisions if is_start(each)]

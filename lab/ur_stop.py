@@ -17,13 +17,23 @@ import tyro
 
 from eskin.arms import FRAME_TASK, MotionConfig, Task, UrArm, Waypoint
 from eskin.arms.ur import UrLink
-from eskin.command import CommandMap, Policy, PolicyConfig, Rule, SkinMonitorConfig
+from eskin.command import (
+    CommandMap,
+    Policy,
+    PolicyConfig,
+    Problem,
+    Rule,
+    SkinMonitorConfig,
+)
 from eskin.drivers import SourceInfo
 from eskin.errors import ArmError
 from eskin.skin import load_skin
 from eskin.stream import Context
 from eskin.touch import Calibration
 from lab.ur_stand_in import StandIn
+
+ASKED = Problem.TOLD.reason(text="asked")
+"""Why an arm is held that is asked to."""
 
 FAR = Task(
     "to and fro",
@@ -94,7 +104,7 @@ def faults(
             lambda: watching.append(watch(arm, skin)),
             lambda: watching.pop().close(),
         ),
-        "asked to hold": (lambda: arm.hold("asked"), lambda: None),
+        "asked to hold": (lambda: arm.hold(ASKED), lambda: None),
     }
 
 

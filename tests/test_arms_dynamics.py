@@ -17,7 +17,7 @@ from eskin.arms import (
     Wrench,
 )
 from eskin.cli.main import run
-from eskin.command import load_commands
+from eskin.command import Problem, load_commands
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError, ExtraError, RobotError
 from eskin.page import PageOrder
@@ -175,7 +175,7 @@ def test_protective_stop_lasts_until_unlocked_and_released(stopped_arm):
     arm = stopped_arm
     arm.clock.sleep(0.5)
     stood = arm.state()
-    assert stood.hold_reason == "protective stop"
+    assert stood.hold_reason == Problem.PROTECTIVE_STOP.reason()
     push(arm, 200.0, seconds=1.0)
     np.testing.assert_allclose(arm.state().q, stood.q, atol=1e-3)
     stood = arm.state()
@@ -287,7 +287,7 @@ def test_simulated_user_unlocks_arm_before_touching(stopped_arm):
         arm.clock.sleep(0.02)
         user.update(arm.clock.now())
     assert user.unlocked == 1 and not arm.state().protective_stop
-    assert arm.state().hold_reason == "protective stop"
+    assert arm.state().hold_reason == Problem.PROTECTIVE_STOP.reason()
 
 
 def test_missing_mujoco_is_named_with_what_installs_it(monkeypatch, capsys):

@@ -13,6 +13,7 @@ from eskin.errors import JogError
 from eskin.robot import DampedLeastSquaresIK, Kinematics, load_robot
 from helpers.commands import (
     DIRECTION,
+    HELD,
     make_map,
     make_paused_scene,
     make_ur_arm,
@@ -109,7 +110,7 @@ def test_jogs_keep_limits_of_motion(seed, orders):
     arm = make_paused_arm()
     execute = {
         "jog": lambda: arm.jog(0.1 * draw_direction(rng)),
-        "hold": lambda: arm.hold("test"),
+        "hold": lambda: arm.hold(HELD),
         "next": arm.next_waypoint,
     }
     q = [arm.state().q]
@@ -134,7 +135,7 @@ def test_stop_ends_jog_for_good(arm, stop):
     arm.jog(2 * STEP)
     pass_time(arm, 0.4)
     assert arm.state().moving
-    arm.hold("test") if stop == "hold" else arm.pause()
+    arm.hold(HELD) if stop == "hold" else arm.pause()
     assert not arm.state().jogging
     pass_time(arm, CONFIG.brake_seconds + 0.02)
     stood = arm.state().q
@@ -148,7 +149,7 @@ def test_only_paused_standing_arm_jogs(arm):
     with pytest.raises(JogError, match="moves"):
         arm.jog(STEP)
     pass_time(arm, 2.0)
-    arm.hold("test")
+    arm.hold(HELD)
     with pytest.raises(JogError, match="held: test"):
         arm.jog(STEP)
     arm.release()

@@ -12,11 +12,12 @@ from eskin.arms import (
     SimulatedArm,
     Trajectory,
 )
-from eskin.command import resolve_action
+from eskin.command import Problem, resolve_action
 from eskin.drivers import ManualClock
 from eskin.robot import Kinematics, load_robot
 from eskin.sim.constants import load_constants
 from eskin.sim.scene.collision import build_collision_model
+from helpers.commands import HELD
 
 SECOND = 1_000_000_000
 NAMES = [waypoint.name for waypoint in FRAME_TASK.waypoints]
@@ -126,7 +127,7 @@ def test_trajectory_takes_up_new_goal_and_new_start():
 ORDERS = {
     "pause": lambda arm: arm.pause(),
     "resume": lambda arm: arm.resume(),
-    "hold": lambda arm: arm.hold("test"),
+    "hold": lambda arm: arm.hold(HELD),
     "release": lambda arm: arm.release(),
     "next": lambda arm: arm.next_waypoint(),
     "previous": lambda arm: arm.previous_waypoint(),
@@ -230,10 +231,10 @@ def test_stopped_arm_stands_whatever_else_is_ordered(stop, orders, seconds):
 def test_pause_and_hold_must_both_end(arm):
     arm.clock.sleep(1.0)
     arm.pause()
-    arm.hold("first")
-    arm.hold("second")
+    arm.hold(HELD)
+    arm.hold(Problem.ENDED_STREAM.reason())
     arm.clock.sleep(0.5)
-    assert arm.state().hold_reason == "first" and arm.state().stopped
+    assert arm.state().hold_reason == HELD and arm.state().stopped
     arm.resume()
     assert not any(state.moving for state in pass_time(arm, 1.0))
     arm.release()
@@ -273,7 +274,7 @@ def test_toggle_of_gripper_that_moves_undoes_the_move(arm):
 
 
 def test_held_arm_moves_no_gripper(arm):
-    arm.hold("test")
+    arm.hold(HELD)
     arm.close_gripper()
     arm.clock.sleep(2.0)
     assert arm.state().gripper == "open"
@@ -310,7 +311,7 @@ def test_motion_is_independent_of_queries(arm):
 def test_arm_opens_by_uri():
     with open_arm("sim:ur5", clock=ManualClock()) as arm:
         assert arm.name == "ur5"
-    assert arm.state().hold_reason == "closed"
+    assert arm.state().hold_reason == Problem.CLOSED.reason()
 
 
 def test_speed_limit_slows_as_fast_as_a_stop(arm):

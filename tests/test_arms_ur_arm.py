@@ -13,26 +13,27 @@ import pytest
 from eskin.app import open_arm
 from eskin.arms import MotionConfig, UrArm
 from eskin.arms.ur import (
-    CLIENT_ENDED,
     PERIOD,
-    REMEDIES,
-    UNREACHABLE,
+    LinkProblem,
     UrCommand,
     UrLink,
+    name_client_error,
 )
-from eskin.arms.ur_arm import NOT_FINITE, PROGRAM_ENDED
-from eskin.command import Policy, PolicyConfig
+from eskin.arms.ur_arm import UrProblem
+from eskin.command import Policy, PolicyConfig, Problem
 from eskin.drivers import ManualClock
 from eskin.errors import ArmError
 from eskin.registry import advise_install
 from eskin.stream import Context
 from helpers.commands import (
     DEFAULT,
+    HELD,
     INFO,
     SECOND,
     VOCABULARY,
     WELL,
     StubLink,
+    is_held_for,
     make_ur_arm,
     pass_ur_time,
 )
@@ -53,7 +54,7 @@ def start_policy(arm, **config):
 
 def test_arm_begins_held_where_robot_stands():
     arm, _ = make_ur_arm(release=False)
-    assert arm.state().hold_reason == "not started"
+    assert arm.state().hold_reason == UrProblem.NOT_STARTED.reason()
     assert (pass_ur_time(arm, 1.0) == WELL.q).all()
     arm.release()
     assert np.abs(pass_ur_time(arm, 1.0)[-1] - WELL.q).max() > 0.1
@@ -82,30 +83,31 @@ def test_question_is_shown_whatever_stops_the_robot():
 
 
 @pytest.mark.parametrize(
-    ("reason", "fault"),
+    ("cause", "fault"),
     [
-        ("lost connection", None),
-        ("protective stop", {"protective_stop": True}),
-        ("emergency stop", {"emergency_stop": True}),
-        ("the robot's program has ended", {"running": False}),
-        ("speed slider at zero", {"scaling": 0.0}),
+        (UrProblem.LOST_CONNECTION, None),
+        (Problem.PROTECTIVE_STOP, {"protective_stop": True}),
+        (UrProblem.EMERGENCY_STOP, {"emergency_stop": True}),
+        (Problem.PROGRAM_ENDED, {"running": False}),
+        (UrProblem.SLIDER_AT_ZERO, {"scaling": 0.0}),
     ],
 )
-def test_fault_holds_arm_until_release(reason, fault):
+def test_fault_holds_arm_until_release(cause, fault):
     arm, link = make_ur_arm()
     before = link.status
     assert arm.state().moving
     link.status = None if fault is None else replace(before, **fault)
     pass_ur_time(arm, PERIOD)
     held = arm.state().hold_reason
-    assert held.startswith(reason)
+    assert held.cause is cause
     pass_ur_time(arm, 0.15 - PERIOD)
     assert not arm.state().moving
     last = link.commands[-1].q
-    assert last is None or reason in ("speed slider at zero", "lost connection")
+    moves = (UrProblem.SLIDER_AT_ZERO, UrProblem.LOST_CONNECTION)
+    assert last is None or cause in moves
     pass_ur_time(arm, 1.0)
     assert link.commands[-1].q == last and not arm.state().moving
-    with pytest.raises(ArmError, match=reason):
+    with pytest.raises(ArmError, match=held.what):
         arm.release()
     link.status = replace(before, q=last or before.q)
     stood = pass_ur_time(arm, 1.0)
@@ -149,7 +151,7 @@ def test_missed_time_is_not_made_up_for():
 def test_robot_that_does_not_follow_is_held():
     arm, _ = make_ur_arm(follows=False)
     pass_ur_time(arm, 1.0)
-    assert arm.state().hold_reason == "the robot does not follow"
+    assert arm.state().hold_reason == UrProblem.NOT_FOLLOWING.reason()
 
 
 @pytest.mark.parametrize(
@@ -167,7 +169,7 @@ def test_number_that_is_not_finite_holds_arm(numbers):
     link.follows = False
     link.status = replace(before, **numbers)
     pass_ur_time(arm, PERIOD)
-    assert arm.state().hold_reason == f"lost connection: {NOT_FINITE}"
+    assert arm.state().hold_reason.values["problem"] == LinkProblem.NOT_FINITE.what
     assert np.isfinite(pass_ur_time(arm, 1.0)).all() and not arm.state().moving
     link.status = before
     link.follows = True
@@ -187,7 +189,7 @@ def test_arm_that_was_pushed_away_stays_there(distance):
     pass_ur_time(arm, PERIOD)
     link.follows = True
     assert np.allclose(pass_ur_time(arm, 1.0), pushed)
-    assert arm.state().hold_reason == "the robot does not follow"
+    assert arm.state().hold_reason == UrProblem.NOT_FOLLOWING.reason()
     arm.release()
     arm.resume()
     steps = np.abs(np.diff(pass_ur_time(arm, 1.0), axis=0))
@@ -206,29 +208,35 @@ def test_stale_skin_holds_arm_within_150_ms():
     assert not arm.state().moving
 
 
-CAUSES = {
-    "RTDE input registers are already in use!": "PROFINET",
-    "Failed to start control script, before timeout": "remote control",
-    CLIENT_ENDED: "connect again",
-    UNREACHABLE: "address and cable",
-    "connect: Connection refused": "30004",
-}
-"""Words of the cause of a failed connection, and some of its remedy."""
-
-
-@pytest.mark.parametrize("cause", CAUSES)
+@pytest.mark.parametrize("cause", LinkProblem)
 def test_robot_that_is_not_reached_is_refused_with_cause_and_remedy(cause):
-    link = StubLink(None, problem=cause)
+    problem = cause.reason(error="no way")
+    link = StubLink(None, problem=problem)
     with pytest.raises(ArmError) as refused:
         UrArm(link, clock=ManualClock())
-    assert cause in str(refused.value) and CAUSES[cause] in str(refused.value)
+    assert problem.what in str(refused.value) and problem.remedy in str(refused.value)
     assert link.closed
 
 
-def test_every_remedy_is_for_a_cause_of_its_own():
-    for words, remedy in REMEDIES:
-        found = [cause for cause in CAUSES if words in cause]
-        assert len(found) == 1 and CAUSES[found[0]] in remedy
+@pytest.mark.parametrize(
+    ("error", "cause"),
+    [
+        (
+            RuntimeError("RTDE input registers are already in use!"),
+            LinkProblem.INTERFACE_IN_USE,
+        ),
+        (
+            RuntimeError("Failed to start control script, before timeout"),
+            LinkProblem.PROGRAM_NOT_STARTED,
+        ),
+        (RuntimeError("connect: Connection refused"), LinkProblem.FAILED_CLIENT),
+        (RuntimeError(), LinkProblem.FAILED_CLIENT),
+        (ConnectionError(), LinkProblem.SILENT_CONTROLLER),
+    ],
+)
+def test_error_of_the_client_is_named_by_its_kind_and_words(error, cause):
+    problem = name_client_error(error)
+    assert problem.cause is cause and problem.what
 
 
 FAKE_CLIENT = {
@@ -242,8 +250,11 @@ FAKE_CLIENT = {
 @pytest.mark.parametrize(
     ("fails", "problem"),
     [
-        ("raise OSError('no\\n way')", "no way"),
-        ("__import__('os').abort()", CLIENT_ENDED),
+        (
+            "raise OSError('no\\n way')",
+            LinkProblem.FAILED_CLIENT.reason(error="no way"),
+        ),
+        ("__import__('os').abort()", LinkProblem.ENDED_CLIENT.reason()),
     ],
 )
 def test_link_that_is_closed_keeps_why_its_client_failed(
@@ -270,8 +281,7 @@ def test_touch_is_not_told_to_pause_a_robot_whose_program_has_ended():
     arm, link = make_ur_arm()
     link.status = replace(link.status, running=False)
     pass_ur_time(arm, PERIOD)
-    policy = start_policy(arm, check_period=None)
-    assert policy.find_fault(arm.state(), arm.clock.now()).startswith(PROGRAM_ENDED)
+    assert arm.state().problem == Problem.PROGRAM_ENDED.reason()
 
 
 def test_failure_of_thread_holds_arm_for_good(caplog):
@@ -356,8 +366,8 @@ def test_client_executes_every_action(working):
     wait_until(lambda: measure_speed(stand_in) > 0.02)
     assert stand_in.ask("slider") == 1.0
     assert np.abs(arm.q_at(arm.clock.now()) - stand_in.ask("q")).max() < 0.1
-    arm.hold("test")
-    assert stands(stand_in) and arm.state().hold_reason == "test"
+    arm.hold(HELD)
+    assert stands(stand_in) and arm.state().hold_reason == HELD
 
 
 def shows_question(stand_in):
@@ -378,20 +388,20 @@ def test_client_switches_output_of_question_and_no_other(working):
 
 
 @pytest.mark.parametrize(
-    ("fault", "end", "reason"),
+    ("fault", "end", "cause"),
     [
-        (("protective", True), ("protective", False), "protective stop"),
-        (("slider", 0.0), ("slider", 0.5), "speed slider at zero"),
-        (("hang_up",), ("come_back",), "lost connection"),
+        (("protective", True), ("protective", False), Problem.PROTECTIVE_STOP),
+        (("slider", 0.0), ("slider", 0.5), UrProblem.SLIDER_AT_ZERO),
+        (("hang_up",), ("come_back",), UrProblem.LOST_CONNECTION),
     ],
 )
-def test_client_is_held_by_fault_until_release(working, fault, end, reason):
+def test_client_is_held_by_fault_until_release(working, fault, end, cause):
     stand_in, arm = working
     stand_in.order(*fault)
-    wait_until(lambda: (arm.state().hold_reason or "").startswith(reason))
+    wait_until(lambda: is_held_for(arm, cause))
     held = arm.state().hold_reason
     assert stands(stand_in)
-    with pytest.raises(ArmError, match=reason):
+    with pytest.raises(ArmError, match=held.what):
         arm.release()
     stand_in.order(*end)
     wait_until(lambda: arm.state().connected)
@@ -401,7 +411,7 @@ def test_client_is_held_by_fault_until_release(working, fault, end, reason):
 def test_client_is_held_by_stale_skin(working):
     stand_in, arm = working
     policy = start_policy(arm)
-    wait_until(lambda: (arm.state().hold_reason or "").startswith("stale skin"))
+    wait_until(lambda: is_held_for(arm, Problem.STALE_SKIN))
     assert stands(stand_in)
     policy.close()
 
@@ -420,8 +430,9 @@ def test_watchdog_of_robot_stops_it_without_commands(working):
 def test_client_process_that_dies_is_lost_connection(working):
     stand_in, arm = working
     arm.link.process.kill()
-    lost = f"lost connection: {CLIENT_ENDED}"
-    wait_until(lambda: arm.state().hold_reason == lost)
+    wait_until(lambda: is_held_for(arm, UrProblem.LOST_CONNECTION))
+    ended = LinkProblem.ENDED_CLIENT.reason()
+    assert arm.state().hold_reason.values["problem"] == ended.what
     assert stands(stand_in)
     wait_until(lambda: arm.state().connected)
 

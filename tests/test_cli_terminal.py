@@ -12,6 +12,7 @@ from eskin.live import Detection
 from eskin.stream import CommandEvent, Context
 from eskin.touch import Scan
 from eskin.units import format_count
+from helpers.questions import GRAB, QUESTION
 from helpers.touch import build_grid_skin, calibration_of
 
 MS = 1_000_000
@@ -84,15 +85,14 @@ def test_question_is_a_line_that_rings_the_bell_of_a_terminal(
     capsys, monkeypatch, rings
 ):
     monkeypatch.setattr(sys.stdout, "isatty", lambda: rings)
-    why = "resume? answer by a poke within 1 s"
     events = [
-        CommandEvent(3210 * MS, "ask", 4, "grab", True, why),
-        CommandEvent(4000 * MS, "resume", 4, "grab", True, "grab on p0"),
+        CommandEvent(3210 * MS, "ask", 4, "grab", True, QUESTION),
+        CommandEvent(4000 * MS, "resume", 4, "grab", True, GRAB),
     ]
     asked, resumed = print_events(capsys, events)
     assert asked.split("\a") == [asked.strip("\a"), ""][: 1 + rings]
-    assert asked.strip("\a").split() == ["3.21s", "ask", *why.split()]
-    assert resumed.endswith("done: grab on p0")
+    assert asked.strip("\a").split() == ["3.21s", "ask", *str(QUESTION).split()]
+    assert resumed.endswith("done: grab on forearm")
 
 
 @pytest.mark.parametrize(("patch", "taxel"), [("p0", 3), ("p0", None), ("other", 3)])

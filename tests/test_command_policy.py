@@ -12,6 +12,7 @@ from eskin.command import (
     CommandMap,
     Policy,
     PolicyConfig,
+    Problem,
     Rule,
     SkinMonitorConfig,
     command_function,
@@ -24,6 +25,7 @@ from eskin.stream import Context
 from eskin.stream.listener import BoundedQueue
 from helpers.commands import (
     DEFAULT,
+    HELD,
     INFO,
     PAPER,
     PATCH,
@@ -32,6 +34,7 @@ from helpers.commands import (
     VOCABULARY,
     RecordingArm,
     Scene,
+    is_held_for,
     make_paused_scene,
 )
 
@@ -99,11 +102,12 @@ def blocked():
 def test_function_that_blocks_holds_arm_until_it_returns(blocked):
     scene, over, _ = blocked
     assert [event.action for event in scene.events] == ["hold", "function"]
-    assert "does not return" in scene.arm.hold_reason and scene.accepted == ["hold"]
+    assert is_held_for(scene.arm, Problem.BLOCKED_FUNCTION)
+    assert scene.accepted == ["hold"]
     (pause,) = scene.touch("poke")
     assert pause.accepted and scene.arm.paused
     scene.wait(1.0)
-    assert "does not return" in scene.touch("grab")[-1].why
+    assert scene.touch("grab")[-1].reason.cause is Problem.BLOCKED_FUNCTION
     over.set()
     scene.policy.call.thread.join()
     scene.wait(1.0)
@@ -144,7 +148,7 @@ def test_watch_holds_arm_whatever_blocks_the_policy():
     scene.policy.check_skin()
     over.set()
     thread.join()
-    assert "does not answer" in scene.arm.hold_reason
+    assert is_held_for(scene.arm, Problem.BLOCKED_POLICY)
 
 
 @pytest.mark.parametrize("gesture", ["none", "poke", "double_pat", "grab"])
@@ -186,7 +190,7 @@ def test_thread_holds_arm_without_readings():
             break
         policy.closing.wait(0.01)
     policy.close()
-    assert "121 ms" in arm.hold_reason and not policy.thread.is_alive()
+    assert "121 ms" in str(arm.hold_reason) and not policy.thread.is_alive()
 
 
 @given(st.sampled_from(VOCABULARY), st.floats(0.0, 1.0), st.floats(0.1, 39.0))
@@ -236,7 +240,7 @@ def play(scene, touch, longest=2.5):
 def test_single_touch_never_starts_arm_stopped_less_than_second_ago(stop, touch):
     scene = Scene()
     if stop != "pause":
-        scene.arm.hold("test")
+        scene.arm.hold(HELD)
     if stop != "hold":
         scene.arm.pause()
     play(scene, touch, longest=0.9)
@@ -452,7 +456,7 @@ def test_failure_of_action_holds_arm_and_stops_stream():
     scene.step()
     with pytest.raises(RuntimeError, match="bug"):
         scene.detect(number)
-    assert "RuntimeError" in scene.arm.hold_reason
+    assert "RuntimeError" in str(scene.arm.hold_reason)
 
 
 def test_failure_of_thread_holds_arm_and_stops_stream():
@@ -461,7 +465,7 @@ def test_failure_of_thread_holds_arm_and_stops_stream():
     scene.arm.state = lambda: 1 / 0
     policy.start(Context(INFO, scene.clock, scene.events.append))
     policy.thread.join(5)
-    assert "ZeroDivisionError" in scene.arm.hold_reason
+    assert "ZeroDivisionError" in str(scene.arm.hold_reason)
     with pytest.raises(ZeroDivisionError):
         scene.step()
     policy.close()
@@ -481,4 +485,4 @@ def test_probability_that_is_not_finite_holds_the_arm_and_says_why():
     scene.step()
     assert scene.accepted == ["hold"]
     assert "a probability is not finite" in scene.last_reason
-    assert "a probability is not finite" in scene.arm.state().hold_reason
+    assert is_held_for(scene.arm, Problem.BROKEN_MODEL)

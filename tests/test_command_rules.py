@@ -39,6 +39,7 @@ from eskin.command import CommandMap, Rule, SkinMonitorConfig
 from eskin.errors import ArmError, JogError
 from helpers.commands import (
     DEFAULT,
+    HELD,
     OTHER_PATCH,
     PAPER,
     PATCH,
@@ -617,7 +618,7 @@ class Story:
         arm = self.scene.arm
         key, equals, value = change.partition("=")
         if key == "hold":
-            arm.hold("test")
+            arm.hold(HELD)
         elif key == "error":
             arm.error = ERRORS[value]
         elif equals:

@@ -11,7 +11,16 @@ import pytest
 
 from eskin.arms import SimulatedArm
 from eskin.cli.main import run
-from eskin.command import ASK, SUSPEND, Policy, PolicyConfig, Question, load_commands
+from eskin.command import (
+    ASK,
+    SUSPEND,
+    Policy,
+    PolicyConfig,
+    Question,
+    Refusal,
+    Trigger,
+    load_commands,
+)
 from eskin.drivers import ManualClock
 from eskin.live import Recognizer, load_model
 from eskin.page import PageOrder, TouchOrder
@@ -36,7 +45,7 @@ from eskin.sim.demo.live_source import AHEAD, WaitingClock
 from eskin.sim.demo.simulated_user import FORGOT, MISTOOK
 from eskin.sim.interactive import InteractiveSkin
 from eskin.stream import CommandEvent, Recognition
-from helpers.commands import PAPER, make_map
+from helpers.commands import HELD, PAPER, make_map
 
 pytestmark = pytest.mark.slow
 
@@ -44,10 +53,13 @@ SECOND = 1_000_000_000
 VOCABULARY = ("none", "double_pat", "grab", "poke", "stroke")
 
 
-def command(seconds, action="pause", accepted=True, touch=1, why=""):
+GESTURE = Trigger.GESTURE.reason(gesture="poke", patch="p0")
+
+
+def command(seconds, action="pause", accepted=True, touch=1, reason=GESTURE):
     gesture = None if touch is None or action == SUSPEND else "poke"
     stamp = round(seconds * SECOND)
-    return CommandEvent(stamp, action, touch, gesture, accepted, why)
+    return CommandEvent(stamp, action, touch, gesture, accepted, reason)
 
 
 def score_commands(*commands):
@@ -130,15 +142,17 @@ def test_touch_and_the_answer_to_its_question_are_one_attempt():
     ("works", "outcome", "commands"), [(True, "wrong", 1), (False, "missed", 0)]
 )
 def test_failed_answer_counts_if_it_stops_an_arm_at_work(works, outcome, commands):
-    refusal = command(2.9, "normal", False, why="the answer was no clear poke (0.4)")
+    unclear = Refusal.UNCLEAR_ANSWER.reason(answer="poke", chance=0.4, again=5.0)
+    refusal = command(2.9, "normal", False, reason=unclear)
     score = score_answer(refusal, command(2.9, "pause", touch=2), works=works)
     assert score.count(outcome) == 1 and score.commands == commands
     assert (score.asked, score.answered) == (1, 0) and not score.false_alarms
-    assert score.count_failures() == {"the answer was no clear poke": 1}
+    assert score.count_failures() == {"unclear answer": 1}
 
 
 def test_mistakes_of_people_are_reasons_of_their_own():
-    score = score_answer(command(2.9, "normal", False, why="no poke answered"))
+    refusal = Refusal.NO_ANSWER.reason(answer="poke", again=5.0)
+    score = score_answer(command(2.9, "normal", False, reason=refusal))
     score.attempts[0].mistake = FORGOT
     assert score.count_failures() == {FORGOT: 1}
 
@@ -155,12 +169,14 @@ def test_touch_is_caused_by_nearest_simulated_one():
     assert (causes.find(4), causes.find(5), causes.find(6)) == (7, None, None)
 
 
+OLD = Refusal.FELT_LONG_AGO.reason(milliseconds=120.0)
+
+
 @pytest.mark.parametrize(
     ("recognised", "commands", "failure"),
     [
         (["poke"], [command(1.5)], ""),
-        (["poke"], [command(1.5, accepted=False, why="doubt 0.94 below")], "doubt"),
-        (["poke"], [command(1.5, accepted=False, why="held: bump; pause")], "held"),
+        (["poke"], [command(1.5, accepted=False, reason=OLD)], "felt long ago"),
         (["unknown"], [], "said to be unknown"),
         (["stroke"], [command(1.5, "slow")], "said to be stroke"),
         (["poke"], [command(1.5, "resume")], "the arm had changed meanwhile"),
@@ -271,7 +287,7 @@ def test_people_make_gestures_for_which_the_map_has_a_rule():
     assert choose_gestures(PAPER, arm) == {"poke", "double_pat", "grab"}
     arm.pause()
     assert choose_gestures(PAPER, arm) == {"poke", "double_pat", "grab"}
-    arm.hold("test")
+    arm.hold(HELD)
     assert choose_gestures(PAPER, arm) == {"poke"}
     arm.resume()
     assert choose_gestures(PAPER, arm) == {"poke"}
@@ -284,7 +300,7 @@ def test_people_press_the_button_where_no_gesture_ends_a_stop():
     user = SimulatedUser(skin, arm, make_map(poke="pause"), config=EAGER)
     user.next_touch = SECOND
     arm.pause()
-    arm.hold("test")
+    arm.hold(HELD)
     for _ in range(60):
         clock.sleep(0.02)
         user.update(clock.now())
@@ -364,7 +380,7 @@ def test_orders_of_page_touch_skin_and_pause_arm():
     handler.handle(TouchOrder("begin", "forearm_link", place, 3.0, 0.0, 2))
     handler.handle(TouchOrder("move", "forearm_link", place, 3.0, 0.0, 2))
     assert len(skin.hand.touching) == 2
-    arm.hold("test")
+    arm.hold(HELD)
     for kind in ("resume_task", "pause_task", "resume_task"):
         handler.handle(PageOrder(kind))
         assert arm.state().stopped == (kind == "pause_task")
@@ -450,7 +466,7 @@ def test_arm_is_offered_to_go_on_after_patch_is_back_and_taxels_are_restored():
     wait(4.0)
     skin.unplug("forearm_front")
     wait(2.0)
-    assert "forearm_front" in arm.state().hold_reason
+    assert "forearm_front" in str(arm.state().hold_reason)
     skin.plug("forearm_front")
     skin.kill(0.1)
     wait(10.0)

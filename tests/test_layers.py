@@ -12,6 +12,7 @@ from helpers.source import MODULES, SOURCE, name_module, parse_module
 # What each package may import, nearest first; what those may import is allowed too.
 PRODUCT = {
     "errors": (),
+    "reasons": (),
     "units": (),
     "transforms": (),
     "files": (),
@@ -28,7 +29,7 @@ PRODUCT = {
     "live": ("recording",),
     "calibration": ("touch",),
     "drivers": ("recording", "progress"),
-    "stream": ("live", "drivers"),
+    "stream": ("live", "drivers", "reasons"),
     "command": ("stream",),
     "page": ("command",),
     "bus": ("stream",),

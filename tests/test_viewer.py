@@ -18,7 +18,14 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from eskin.command import SUSPEND, ArmState, SkinMonitorConfig, load_commands
+from eskin.command import (
+    SUSPEND,
+    ArmState,
+    Refusal,
+    SkinMonitorConfig,
+    Trigger,
+    load_commands,
+)
 from eskin.command.skin_monitor import SkinMonitor
 from eskin.drivers import STEPPED, Event, ManualClock, PlayedSource, SourceInfo
 from eskin.errors import DeviceError, StreamError
@@ -70,7 +77,7 @@ from eskin.transforms import apply
 from eskin.units import NS_PER_S
 from helpers.commands import RecordingArm
 from helpers.live import START, calibration_of, say_always, scans, two_hands
-from helpers.questions import ASKED, TEXT
+from helpers.questions import ASKED, QUESTION, STALE
 from helpers.viewer import GESTURES, Q, make_setup, make_update, mounted
 
 pytestmark = pytest.mark.slow
@@ -144,7 +151,6 @@ COMMANDS = (
     TouchRule("poke", "", ("pause",)),
     TouchRule("grab", "", ("resume", "normal")),
 )
-STALE = "stale skin: no reading; see to its cable"
 ASKS = "grab, then poke there when it asks"
 
 
@@ -158,10 +164,10 @@ ASKS = "grab, then poke there when it asks"
         ({"moving": False, "speed_limit": 0.0}, "standing", "while it is touched"),
         ({"speed_limit": 0.0}, "stopping", "while it is touched"),
         ({"paused": True}, "paused", ""),
-        ({"paused": True, "hold_reason": STALE}, "held", STALE),
-        ({"hold_reason": STALE}, "held", STALE),
-        ({"protective_stop": True}, "stopped", "clear it at the robot"),
-        ({"connected": False, "paused": True}, "stopped", "network and power"),
+        ({"paused": True, "hold_reason": STALE}, "held", str(STALE)),
+        ({"hold_reason": STALE}, "held", str(STALE)),
+        ({"protective_stop": True}, "stopped", "unlock it at the robot"),
+        ({"connected": False, "paused": True}, "stopped", "cable and its controller"),
     ],
 )
 def test_most_severe_state_of_arm_is_shown_with_what_ends_it(changes, state, reason):
@@ -327,16 +333,22 @@ def test_what_is_no_gesture_is_listed_last_with_its_own_probability():
     assert text.split()[-2:] == ["none", "61%"]
 
 
+POKE = Trigger.GESTURE.reason(gesture="poke", patch="forearm_back")
+JOGS = Trigger.TOUCHED_WHILE_JOGGING.reason()
+UNMAPPED = Refusal.NO_RULE.reason()
+REFUSED = {"accepted": False, "reason": UNMAPPED}
+
+
 def test_commands_and_events_are_logged():
     encoder = FrameEncoder(mounted(), START)
-    encoder.note(CommandEvent(START, "pause", 4, "poke", True, ""))
-    encoder.note(CommandEvent(START, "go_on", 5, "double_pat", False, "too soon"))
+    encoder.note(CommandEvent(START, "pause", 4, "poke", True, POKE))
+    encoder.note(CommandEvent(START, "go_on", 5, "double_pat", False, UNMAPPED))
     encoder.note(ASKED)
     encoder.note(Event(START, "silent", "patch 'a' is silent"))
     assert [(entry.kind, entry.text) for entry in encoder.log_entries] == [
-        ("command", "paused"),
-        ("refused", "go on refused: too soon"),
-        ("command", f"asks: {TEXT}"),
+        ("command", "paused (poke on forearm back)"),
+        ("refused", f"go on refused: {UNMAPPED}"),
+        ("command", f"asks: {QUESTION}"),
         ("event", "patch 'a' is silent"),
     ]
     for number in range(MAX_LOG_ENTRIES + 5):
@@ -348,18 +360,18 @@ def test_commands_and_events_are_logged():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"why": "poke on forearm_back"}, "paused (poke on forearm back)"),
+        ({}, "paused (poke on forearm back)"),
         ({"likeliest": "double_pat"}, "paused (probably a double pat)"),
-        ({"why": "touched while it jogs"}, "paused (touched while it jogs)"),
+        ({"reason": JOGS}, f"paused ({JOGS})"),
         ({"action": SUSPEND}, "stands still while it is touched"),
-        ({"action": "my_wave", "why": ""}, "my wave"),
-        ({"action": "none", "accepted": False, "why": "not so"}, "not so"),
-        ({"action": "resume", "accepted": False, "touch": None, "why": "no"}, "no"),
-        ({"action": "go_on", "accepted": False, "why": "no"}, "go on refused: no"),
+        ({"action": "my_wave"}, "my wave (poke on forearm back)"),
+        ({"action": "none", **REFUSED}, str(UNMAPPED)),
+        ({"action": "resume", "touch": None, **REFUSED}, str(UNMAPPED)),
+        ({"action": "go_on", **REFUSED}, f"go on refused: {UNMAPPED}"),
     ],
 )
 def test_log_says_what_was_done_and_what_it_was_probably(changes, text):
-    paused = CommandEvent(START, "pause", 4, None, True, "not understood: 19%")
+    paused = CommandEvent(START, "pause", 4, None, True, POKE)
     assert describe_command(replace(paused, **changes)) == text
 
 

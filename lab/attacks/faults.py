@@ -70,7 +70,7 @@ class FaultTally:
     stopped: float = 0.0
     """Time in which the arm was held or paused, or stood for a touch [s]."""
     holds: Counter[str] = field(default_factory=Counter)
-    """Reasons of holds, without their figures."""
+    """Causes of holds, in words."""
     commands: Counter[str] = field(default_factory=Counter)
     """Accepted commands of touches."""
 
@@ -116,7 +116,7 @@ class FaultTallyListener(Listener):
             self.tally.detections += 1
         elif isinstance(item, CommandEvent) and item.accepted:
             if item.action == "hold":
-                self.tally.holds[item.why.split("'")[0].split(":")[0]] += 1
+                self.tally.holds[item.reason.cause.words] += 1
             elif item.touch is not None:
                 self.tally.commands[item.action] += 1
 

@@ -123,7 +123,7 @@ class Command:
 
 
 @dataclass(frozen=True)
-class Refusal:
+class FileTrial:
     """Measures how a command has treated a file."""
 
     kind: Kind
@@ -164,7 +164,7 @@ class Refusal:
 
 def main(command: Command) -> None:
     """Try the files, print a table, and exit with 1 where one was not refused."""
-    found: list[Refusal] = []
+    found: list[FileTrial] = []
     print(format_head(("file", "", "command", "code", "lines", "s", "MB")))
     for kind, files in FILES.items():
         for name, write in files.items():
@@ -185,7 +185,7 @@ def main(command: Command) -> None:
     sys.exit(bool(bad))
 
 
-def attack(kind: Kind, name: str, write: Write, command: str) -> Refusal:
+def attack(kind: Kind, name: str, write: Write, command: str) -> FileTrial:
     """Run a command on a file, in a folder of its own."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -202,7 +202,7 @@ def attack(kind: Kind, name: str, write: Write, command: str) -> Refusal:
         )
         code, seconds, megabytes = wait(process)
         text = (folder / "stderr.txt").read_text(errors="replace")
-    return Refusal(
+    return FileTrial(
         kind, name, command, code, tuple(text.splitlines()), seconds, megabytes
     )
 

@@ -25,6 +25,7 @@ from eskin.drivers import (
     ManualClock,
     SourceInfo,
 )
+from eskin.reasons import Reason
 from eskin.robot import load_robot
 from eskin.skin import MountedSkin, Patch, Plane, Skin, TaxelGrid, build_skin
 from eskin.stream import Context, Message, RecognitionState
@@ -150,7 +151,7 @@ class HeldArm(Arm):
         self.clock = clock
         self.held_at: int | None = None
         self.limited_at: int | None = None
-        self.reason: str | None = None
+        self.reason: Reason | None = None
 
     def q_at(self, stamp: int) -> Float[np.ndarray, "joint"]:
         """Return no joint positions."""
@@ -171,7 +172,7 @@ class HeldArm(Arm):
             connected=True,
         )
 
-    def hold(self, reason: str) -> None:
+    def hold(self, reason: Reason) -> None:
         """Note when it is held first."""
         if self.reason is None:
             self.held_at = self.clock.now()
@@ -289,8 +290,10 @@ class PlayedLine:
         if made is None:
             return
         self.made.append(made)
-        if self.policy.find_fault(self.arm.state(), scan.stamp) is None:
-            self.obeyed = max(self.obeyed, self.clock.now() - made)
+        now = self.clock.now()
+        is_felt = now - scan.stamp <= self.policy.config.monitor.max_age * NS_PER_S
+        if is_felt and self.arm.state().problem is None:
+            self.obeyed = max(self.obeyed, now - made)
 
 
 def merge_arrivals(*streams: Iterable[Arrival]) -> Iterator[Arrival]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from eskin.command import Trigger
 from eskin.sim.demo import (
     Attempt,
     CommandScore,
@@ -20,6 +21,8 @@ from lab.commanded_arm import ROWS, compute_interval, format_result
 pytestmark = pytest.mark.slow
 
 SECOND = 1_000_000_000
+DONE = Trigger.GESTURE.reason(gesture="grab", patch="p0")
+"""Why a command was executed."""
 
 
 def make_result(correct, missed):
@@ -29,7 +32,7 @@ def make_result(correct, missed):
     )
     for number in range(correct):
         attempt = Attempt("grab", "open_gripper", 1, 2, 100 + number)
-        attempt.command = CommandEvent(3, "open_gripper", number, "grab", True, "")
+        attempt.command = CommandEvent(3, "open_gripper", number, "grab", True, DONE)
         score.attempts.append(attempt)
     return DemoResult(score, 60.0, 6.0, 0, 1, (1.0, 2.0))
 

@@ -15,6 +15,7 @@ from eskin.command import (
     CommandMap,
     Policy,
     PolicyConfig,
+    Problem,
     Rule,
     load_commands,
 )
@@ -108,6 +109,10 @@ def make_order(name, **changes):
     return execute
 
 
+HELD = Problem.TOLD.reason(text="test")
+"""Why a test holds an arm."""
+
+
 class RecordingArm(Arm):
     """An arm that executes every order at once, and records it."""
 
@@ -191,7 +196,13 @@ class RecordingArm(Arm):
         self.shows_question = shown
 
     def close(self):
-        self.hold("closed")
+        self.hold(Problem.CLOSED.reason())
+
+
+def is_held_for(arm, cause):
+    """Return whether an arm is held for a cause."""
+    reason = arm.state().hold_reason
+    return reason is not None and reason.cause is cause
 
 
 @dataclass
@@ -415,7 +426,7 @@ WELL = UrStatus(
 class StubLink(ControllerLink):
     """A link to a robot that is at once where it is sent, and records its commands."""
 
-    def __init__(self, status=WELL, problem="", follows=True):
+    def __init__(self, status=WELL, problem=None, follows=True):
         self.status = status
         self.problem = problem
         self.follows = follows

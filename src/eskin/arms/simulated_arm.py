@@ -10,16 +10,15 @@ import numpy as np
 from jaxtyping import Float
 
 from eskin.arms.dynamics import Dynamics, ServoConfig, Wrench
-from eskin.arms.task import FRAME_TASK, Task, TaskArm, TaskExecutor
+from eskin.arms.task import FRAME_TASK, Task, TaskArm, TaskExecutor, refuse_release
 from eskin.arms.trajectory import MotionConfig
 from eskin.command.arm import ArmState
+from eskin.command.reasons import Problem
 from eskin.drivers import Clock, HostClock, JointHistory
 from eskin.errors import ArmError
 from eskin.registry import ArmDriver
 from eskin.units import NS_PER_S
 
-PROTECTIVE_STOP = "protective stop"
-"""Reason of a hold by a protective stop."""
 HISTORY_SIZE = 2500
 """Number of joint positions that are kept."""
 
@@ -151,7 +150,7 @@ class DynamicPlant(Plant):
         """Go into protective stop."""
         self.stopped = True
         self.dynamics.engage_brakes()
-        executor.hold(PROTECTIVE_STOP)
+        executor.hold(Problem.PROTECTIVE_STOP.reason())
 
     def apply_wrenches(self, wrenches: Sequence[Wrench]) -> None:
         """Apply these wrenches, and no others, until the next call."""
@@ -238,15 +237,12 @@ class SimulatedArm(TaskArm):
         """
         with self.present_executor() as executor:
             if self.plant.stopped:
-                raise ArmError(
-                    f"the arm stays held: {PROTECTIVE_STOP}; allowed is to go on once "
-                    "that is over; unlock the arm, then release it again"
-                )
+                refuse_release(Problem.PROTECTIVE_STOP.reason())
             executor.release()
 
     def close(self) -> None:
         """Stop for good."""
-        self.hold("closed")
+        self.hold(Problem.CLOSED.reason())
 
 
 def open_simulated_arm(

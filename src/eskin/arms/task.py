@@ -5,14 +5,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import RLock
-from typing import Literal, final
+from typing import Literal, NoReturn, final
 
 import numpy as np
 from jaxtyping import Float
 
 from eskin.arms.trajectory import MotionConfig, Trajectory
 from eskin.command.arm import Arm, ArmState, Grip
-from eskin.errors import JogError
+from eskin.errors import ArmError, JogError
+from eskin.reasons import Reason
 from eskin.robot import DampedLeastSquaresIK, load_robot
 
 Purpose = Literal["take", "bring"]
@@ -145,7 +146,7 @@ class TaskExecutor:
         self.index = 0
         self.paused = False
         self.pause_count = 0
-        self.hold_reason: str | None = None
+        self.hold_reason: Reason | None = None
         self.speed = self.speed_limit = 1.0
         self.gripper: Grip = "open"
         self.gripping: Grip | None = None
@@ -177,7 +178,7 @@ class TaskExecutor:
         self.paused = False
         self.end_jog()
 
-    def hold(self, reason: str) -> None:
+    def hold(self, reason: Reason) -> None:
         """Stop, though nobody asked for it; the first reason is kept."""
         self.hold_reason = self.hold_reason or reason
         self.end_jog()
@@ -217,7 +218,7 @@ class TaskExecutor:
     def find_jog_refusal(self) -> str | None:
         """Return why it must not jog now, or None where it may."""
         if self.hold_reason is not None:
-            return f"the arm is held: {self.hold_reason}"
+            return f"the arm is held: {self.hold_reason.what}"
         if not self.paused:
             return "the arm is not paused"
         at_rest = self.trajectory.stopped and not self.jogging
@@ -339,6 +340,18 @@ class TaskExecutor:
         )
 
 
+def refuse_release(problem: Reason) -> NoReturn:
+    """Refuse to end a hold while there is still a reason for it.
+
+    Raises:
+        ArmError: always.
+    """
+    raise ArmError(
+        f"the arm stays held: {problem.what}; allowed is to go on once that is over; "
+        f"{problem.remedy}, then release the arm again"
+    )
+
+
 class TaskArm(Arm):
     """A task arm passes its commands on to a task executor, one at a time.
 
@@ -371,7 +384,7 @@ class TaskArm(Arm):
         with self.present_executor() as executor:
             executor.resume()
 
-    def hold(self, reason: str) -> None:
+    def hold(self, reason: Reason) -> None:
         """Stop, though nobody asked for it; the first reason is kept."""
         with self.present_executor() as executor:
             executor.hold(reason)

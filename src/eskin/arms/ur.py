@@ -12,10 +12,13 @@ import signal
 import sys
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from enum import unique
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from time import monotonic
 from typing import final
+
+from eskin.reasons import Cause, Reason
 
 PERIOD = 0.008
 """Period of a controller of the first series [s]; later ones interpolate."""
@@ -33,41 +36,70 @@ RETRY_PERIOD = 1.0
 """Time between two attempts to connect [s]."""
 UR_OUTPUTS = 8
 """Number of standard digital outputs of a controller."""
-CLIENT_ENDED = "the client of the robot's controller has ended"
-UNREACHABLE = f"its controller has not answered for {CONNECT_TIMEOUT:g} s"
-REMEDIES = (
-    (
-        "already in use",
-        "switch off EtherNet/IP, PROFINET and MODBUS in the robot's installation, and "
-        "end other programs and URCaps that use its RTDE interface",
-    ),
-    (
-        "control script",
-        "switch the robot on, release its brakes, set it to remote control, and end "
-        "the program that it runs",
-    ),
-    (
-        CLIENT_ENDED,
-        "connect again; if it ends again, install ur_rtde anew",
-    ),
-)
-"""What to do about a problem that contains some words of the client or of eskin."""
-OTHER_REMEDY = (
-    "check its address and cable, that it is switched on, and that its security "
-    "settings allow RTDE, port 30004"
-)
 VARIABLES = """
     timestamp actual_q robot_mode safety_mode safety_status_bits robot_status_bits
     runtime_state speed_scaling target_speed_fraction actual_digital_output_bits
 """.split()
 
 
-def find_remedy(problem: str) -> str:
-    """Return what to do about a connection that is not made."""
-    for words, remedy in REMEDIES:
-        if words in problem:
-            return remedy
-    return OTHER_REMEDY
+@unique
+class LinkProblem(Cause):
+    """A problem of a link is why its connection is lost, or not made."""
+
+    INTERFACE_IN_USE = (
+        "{error}",
+        "switch off EtherNet/IP, PROFINET and MODBUS in the robot's installation, and "
+        "end other programs and URCaps that use its RTDE interface",
+    )
+    PROGRAM_NOT_STARTED = (
+        "{error}",
+        "switch the robot on, release its brakes, set it to remote control, and end "
+        "the program that it runs",
+    )
+    FAILED_CLIENT = (
+        "{error}",
+        "check its address and cable, that it is switched on, and that its security "
+        "settings allow RTDE, port 30004",
+    )
+    ENDED_CLIENT = (
+        "the client of the robot's controller has ended",
+        "connect again; if it ends again, install ur_rtde anew",
+    )
+    UNREACHABLE = (
+        f"its controller has not answered for {CONNECT_TIMEOUT:g} s",
+        "check its address and cable, that it is switched on, and that its security "
+        "settings allow RTDE, port 30004",
+    )
+    NO_ANSWER = (
+        "the robot's controller does not answer",
+        "check its cable, and that it is switched on",
+    )
+    SILENT_CONTROLLER = (
+        "the robot's controller has stopped sending",
+        "check its cable, and that it is switched on",
+    )
+    NOT_FINITE = (
+        "it sends numbers that are not finite",
+        "restart the robot's controller",
+    )
+
+
+CLIENT_WORDS = {
+    "already in use": LinkProblem.INTERFACE_IN_USE,
+    "control script": LinkProblem.PROGRAM_NOT_STARTED,
+}
+"""Words of errors of `ur_rtde`, which differ in nothing but their texts, with what they
+mean."""
+
+
+def name_client_error(error: BaseException) -> Reason:
+    """Return which problem an error in the client is."""
+    if isinstance(error, ConnectionError):
+        return LinkProblem.SILENT_CONTROLLER.reason()
+    text = " ".join(f"{error}".split()).rstrip(".") or type(error).__name__
+    found = [problem for words, problem in CLIENT_WORDS.items() if words in text]
+    problem = found[0] if found else LinkProblem.FAILED_CLIENT
+    return problem.reason(error=text)
 
 
 @dataclass(frozen=True)
@@ -108,8 +140,8 @@ class UrStatus:
 class ControllerLink(ABC):
     """Connects to one controller, and again by itself when the connection is lost."""
 
-    problem: str
-    """Why the connection was last lost or not made; empty before. A link that is closed
+    problem: Reason | None
+    """Why the connection was last lost or not made; None before. A link that is closed
     keeps it."""
 
     @abstractmethod
@@ -138,7 +170,7 @@ def run_client(
         gripper_output: standard digital output that closes the gripper.
         question_output: standard digital output that shows a question; None for none.
         time_factor: factor on all timeouts.
-        pipe: receives `UrCommand`s; sends `UrStatus`es, or a text about what failed.
+        pipe: receives `UrCommand`s; sends `UrStatus`es, or the reason why it failed.
     """
     # The client prints to stdout and stderr, which belong to the main process.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -155,7 +187,7 @@ def run_client(
     except EOFError:
         pass
     except BaseException as error:
-        pipe.send(" ".join(f"{error}".split()) or type(error).__name__)
+        pipe.send(name_client_error(error))
     finally:
         # The client's own shutdown may hang or abort.
         os._exit(0)
@@ -216,7 +248,7 @@ class RtdeController:
             self.last_answer = now
         connected = receive.isConnected() and self.control.isConnected()
         if not connected or now - self.last_answer > self.timeout:
-            raise ConnectionError("the robot's controller has stopped sending")
+            raise ConnectionError
         return UrStatus(
             q=tuple(receive.getActualQ()),
             running=self.control.isProgramRunning(),
@@ -261,7 +293,7 @@ class UrLink(ControllerLink):
         self.gripper_output = gripper_output
         self.question_output = question_output
         self.time_factor = time_factor
-        self.problem = ""
+        self.problem: Reason | None = None
         self.context = get_context("spawn")
         self.process = None
         self.ready = False
@@ -277,10 +309,10 @@ class UrLink(ControllerLink):
                 return self.await_client()
             self.pipe.send(command)
             if not self.pipe.poll(ANSWER_TIMEOUT * self.time_factor):
-                return self.disconnect("the robot's controller does not answer")
+                return self.disconnect(LinkProblem.NO_ANSWER.reason())
             return self.receive()
         except (OSError, EOFError):
-            return self.disconnect(CLIENT_ENDED)
+            return self.disconnect(LinkProblem.ENDED_CLIENT.reason())
 
     def start_client(self) -> None:
         """Start a client, unless one was started just now."""
@@ -306,15 +338,15 @@ class UrLink(ControllerLink):
             self.ready = status is not None
             return status
         if monotonic() - self.changed_at > CONNECT_TIMEOUT:
-            return self.disconnect(UNREACHABLE)
+            return self.disconnect(LinkProblem.UNREACHABLE.reason())
         return None
 
     def receive(self) -> UrStatus | None:
         """Receive a status from the client; disconnect where it reports a problem."""
         got = self.pipe.recv()
-        return got if isinstance(got, UrStatus) else self.disconnect(str(got))
+        return got if isinstance(got, UrStatus) else self.disconnect(got)
 
-    def disconnect(self, problem: str) -> None:
+    def disconnect(self, problem: Reason) -> None:
         """Keep why the connection is lost, and end the client."""
         self.problem = problem
         self.end_client()

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from enum import unique
 from importlib.util import find_spec
 from threading import Event as Flag
 from threading import RLock, Thread
@@ -10,21 +11,22 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.arms.task import FRAME_TASK, Task, TaskArm, TaskExecutor
+from eskin.arms.task import FRAME_TASK, Task, TaskArm, TaskExecutor, refuse_release
 from eskin.arms.trajectory import MotionConfig
 from eskin.arms.ur import (
     PERIOD,
-    UNREACHABLE,
     UR_OUTPUTS,
     ControllerLink,
+    LinkProblem,
     UrCommand,
     UrLink,
     UrStatus,
-    find_remedy,
 )
 from eskin.command.arm import ArmState
+from eskin.command.reasons import Problem
 from eskin.drivers import Clock, HostClock, JointHistory
 from eskin.errors import ArmError
+from eskin.reasons import Cause, Reason
 from eskin.registry import ArmDriver, advise_install
 from eskin.units import NS_PER_S
 
@@ -32,10 +34,19 @@ MAX_FOLLOWING_ERROR = 0.2
 """How far the robot may be from where it is sent [rad]."""
 CONNECT_TIMEOUT = 30.0
 """How long the first connection may take [s]."""
-NOT_STARTED = "not started"
-NOT_FINITE = "it sends numbers that are not finite"
-PROGRAM_ENDED = "the robot's program has ended"
 logger = logging.getLogger(__name__)
+
+
+@unique
+class UrProblem(Cause):
+    """A problem of a UR arm is why it is held, beside those of every arm."""
+
+    NOT_STARTED = ("not started", "release the arm")
+    LOST_CONNECTION = ("lost connection: {problem}", "{remedy}")
+    EMERGENCY_STOP = ("emergency stop", "unlock it at the robot")
+    SLIDER_AT_ZERO = ("speed slider at zero", "set it higher at the robot")
+    NOT_FOLLOWING = ("the robot does not follow", "look for what holds it back")
+    FAILED_LOOP = ("the arm's loop failed: {error}", "start the command again")
 
 
 @final
@@ -77,11 +88,11 @@ class UrArm(TaskArm):
         self.failure: BaseException | None = None
         self.question_shown = False
         self.status = self.connect()
-        self.loss: str | None = None
+        self.loss: Reason | None = None
         self.time = self.clock.now()
         self.executor = TaskExecutor(task, np.array(self.status.q), motion)
         self.executor.gripper = "closed" if self.status.gripper_closed else "open"
-        self.executor.hold(NOT_STARTED)
+        self.executor.hold(UrProblem.NOT_STARTED.reason())
         self.history = JointHistory(self.time, np.array(self.status.q))
         self.thread = None
         if threaded:
@@ -104,10 +115,10 @@ class UrArm(TaskArm):
                 "not run; allowed is a UR in remote control without a protective or "
                 "emergency stop; clear the stop at the robot, then connect again"
             )
-        problem = self.link.problem or UNREACHABLE
+        problem = self.link.problem or LinkProblem.UNREACHABLE.reason()
         raise ArmError(
-            f"the robot is not reached ({problem.rstrip('.')}); allowed is a UR in "
-            f"remote control that is switched on; {find_remedy(problem)}"
+            f"the robot is not reached ({problem.what}); allowed is a UR in remote "
+            f"control that is switched on; {problem.remedy}"
         )
 
     def await_status(self) -> UrStatus | None:
@@ -129,7 +140,8 @@ class UrArm(TaskArm):
             except BaseException as error:
                 logger.exception("the arm's loop has failed")
                 self.failure = error
-                self.hold(f"the arm's loop failed: {type(error).__name__}")
+                name = type(error).__name__
+                self.hold(UrProblem.FAILED_LOOP.reason(error=name))
                 self.link.close()
                 return
             now = self.clock.now()
@@ -158,13 +170,13 @@ class UrArm(TaskArm):
             else:
                 self.executor.trajectory.restart_from(np.array(self.status.q))
 
-    def exchange(self, command: UrCommand) -> tuple[UrStatus | None, str | None]:
+    def exchange(self, command: UrCommand) -> tuple[UrStatus | None, Reason | None]:
         """Send the robot a command; return its status, or why there is none."""
         status = self.link.exchange(command)
         if status is None:
-            return None, self.link.problem or UNREACHABLE
+            return None, self.link.problem or LinkProblem.UNREACHABLE.reason()
         if not status.is_finite:
-            return None, NOT_FINITE
+            return None, LinkProblem.NOT_FINITE.reason()
         return status, None
 
     def build_command(self) -> UrCommand:
@@ -188,21 +200,25 @@ class UrArm(TaskArm):
         """Share of speed that the robot allows."""
         return min(max(self.status.scaling, 0.0), 1.0)
 
-    def find_problem(self) -> str | None:
+    def find_problem(self) -> Reason | None:
         """Return why the robot must not go on, or None where it may."""
         status = self.status
         if self.loss is not None:
-            return f"lost connection: {self.loss}"
+            return UrProblem.LOST_CONNECTION.reason(
+                problem=self.loss.what, remedy=self.loss.remedy
+            )
         if status.emergency_stop:
-            return "emergency stop"
+            return UrProblem.EMERGENCY_STOP.reason()
         if status.protective_stop:
-            return "protective stop"
+            return Problem.PROTECTIVE_STOP.reason()
         if not status.running:
-            return PROGRAM_ENDED
+            return Problem.PROGRAM_ENDED.reason()
         if self.scaling <= 0:
-            return "speed slider at zero"
+            return UrProblem.SLIDER_AT_ZERO.reason()
         error = np.abs(self.executor.trajectory.q - status.q).max()
-        return "the robot does not follow" if error > MAX_FOLLOWING_ERROR else None
+        if error <= MAX_FOLLOWING_ERROR:
+            return None
+        return UrProblem.NOT_FOLLOWING.reason()
 
     def show_question(self, shown: bool) -> None:
         """Switch the digital output that shows a question, if its link has one."""
@@ -232,21 +248,20 @@ class UrArm(TaskArm):
             ArmError: the reason for it is still there, or the arm is closed.
         """
         with self.lock:
-            problem = "closed" if self.closed.is_set() else self.find_problem()
+            problem = self.find_problem()
+            if self.closed.is_set():
+                problem = Problem.CLOSED.reason()
             if self.failure is not None:
-                problem = f"the arm's loop failed: {self.failure}"
+                problem = UrProblem.FAILED_LOOP.reason(error=self.failure)
             if problem is not None:
-                raise ArmError(
-                    f"the arm stays held: {problem}; allowed is to go on once that is "
-                    "over; see to it at the robot, then release the arm again"
-                )
+                refuse_release(problem)
             if self.executor.trajectory.stopped:
                 self.executor.trajectory.restart_from(np.array(self.status.q))
             self.executor.release()
 
     def close(self) -> None:
         """Stop, and disconnect from the robot; may be called twice."""
-        self.hold("closed")
+        self.hold(Problem.CLOSED.reason())
         if self.thread is not None and not self.closed.is_set():
             self.stop_smoothly()
         self.closed.set()

@@ -20,6 +20,7 @@ from eskin.command.command_map import (
 )
 from eskin.command.policy import Policy, PolicyConfig
 from eskin.command.question import Question, QuestionConfig
+from eskin.command.reasons import Problem, Refusal, Trigger
 from eskin.command.skin_monitor import SkinMonitorConfig
 
 __all__ = [
@@ -34,10 +35,13 @@ __all__ = [
     "CommandMap",
     "Policy",
     "PolicyConfig",
+    "Problem",
     "Question",
     "QuestionConfig",
+    "Refusal",
     "Rule",
     "SkinMonitorConfig",
+    "Trigger",
     "command_function",
     "load_commands",
     "moves_nothing",

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from threading import Thread
 from typing import Literal, final, get_args
 
-from eskin.command.arm import Arm, ArmState, Problem
+from eskin.command.arm import Arm, ArmState
+from eskin.command.reasons import Problem
 from eskin.live import Detection
 
 Action = Literal[
@@ -78,10 +79,7 @@ class FunctionCall:
 
     def __init__(self, name: str, arm: Arm, detection: Detection) -> None:
         """Start to run the function."""
-        self.problem = Problem(
-            f"function '{name}' does not return",
-            "let it start a thread for what takes long",
-        )
+        self.problem = Problem.BLOCKED_FUNCTION.reason(name=name)
         self.function = COMMAND_FUNCTIONS[name]
         self.arguments = (arm, detection)
         self.error: BaseException | None = None

@@ -8,9 +8,11 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float
 
+from eskin.command.reasons import Problem
 from eskin.drivers import JointSource
 from eskin.errors import ArmError, JointsError
 from eskin.progress import Closing
+from eskin.reasons import Reason
 from eskin.robot import Robot
 
 logger = logging.getLogger(__name__)
@@ -33,7 +35,7 @@ class ArmState:
     paused: bool
     """Whether a person asked it to pause."""
 
-    hold_reason: str | None
+    hold_reason: Reason | None
     """Why it was stopped without being asked; None where it was not."""
 
     speed: float
@@ -77,20 +79,14 @@ class ArmState:
         """Return whether it is paused, held or in protective stop."""
         return self.paused or self.hold_reason is not None or self.protective_stop
 
-
-@dataclass(frozen=True)
-class Problem:
-    """A problem is why an arm is held or slowed, though nobody asked for that."""
-
-    what: str
-    """What is wrong."""
-
-    remedy: str = ""
-    """What a person does about it; empty where there is nothing to do."""
-
-    def __str__(self) -> str:
-        """Return what is wrong, and what to do about it."""
-        return f"{self.what}; {self.remedy}" if self.remedy else self.what
+    @property
+    def problem(self) -> Reason | None:
+        """Why it obeys no touch, not even to stop; None where it obeys."""
+        if self.protective_stop:
+            return Problem.PROTECTIVE_STOP.reason()
+        if not self.connected:
+            return Problem.NOT_CONNECTED.reason()
+        return None if self.running else Problem.PROGRAM_ENDED.reason()
 
 
 class Arm(JointSource, Closing):
@@ -121,8 +117,11 @@ class Arm(JointSource, Closing):
         """End a pause: speed up from the present position."""
 
     @abstractmethod
-    def hold(self, reason: str) -> None:
-        """Stop, though nobody asked for it; the first reason is kept."""
+    def hold(self, reason: Reason) -> None:
+        """Stop, though nobody asked for it; the first reason is kept.
+
+        A program that has a reason of its own gives `Problem.TOLD.reason(text="...")`.
+        """
 
     @abstractmethod
     def release(self) -> None:

@@ -7,10 +7,11 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from eskin.command.arm import Problem
 from eskin.command.command_map import CommandMap, Rule
+from eskin.command.reasons import Problem
 from eskin.command.skin_monitor import SkinMonitorConfig
 from eskin.live import Detection
+from eskin.reasons import Reason
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
 from eskin.touch import Calibration, TouchRecord
@@ -63,8 +64,8 @@ class CommandedTouch:
     lasts: bool = False
     """Whether it has been light for so long that its duration does not count."""
 
-    excess: str = ""
-    """In what it has exceeded the limits of force at some time; empty if never."""
+    excess: Reason | None = None
+    """In what it has exceeded the limits of force at some time; None if never."""
 
     probabilities: Float[np.ndarray, "class"] = field(
         default_factory=lambda: np.zeros(0)
@@ -155,21 +156,21 @@ class CommandedTouch:
         self.lasts = stamp - self.light_since > config.light_seconds * NS_PER_S
         self.excess = self.excess or self.find_excess(config)
 
-    def find_excess(self, config: SkinMonitorConfig) -> str:
-        """Return in what it exceeds the limits of force now; empty within them.
+    def find_excess(self, config: SkinMonitorConfig) -> Reason | None:
+        """Return in what it exceeds the limits of force now; None within them.
 
         They are those of every touch, recognised or not.
         """
         grown = config.max_growth * max(self.detected_force, config.least_force)
         filled = config.max_growth * max(self.detected_area, config.least_full_area)
         if self.force > config.max_force:
-            return f"touch of {self.force:.0f} N"
+            return Problem.STRONG_TOUCH.reason(force=self.force)
         if self.force > grown:
-            return f"touch that grew to {self.force:.0f} N after its detection"
+            return Problem.GROWN_FORCE.reason(force=self.force)
         if self.full_area > filled:
-            area = f"{1e4 * self.full_area:.1f} cm2"
-            return f"touch that grew to {area} at full scale"
-        return ""
+            area = 1e4 * self.full_area
+            return Problem.GROWN_AREA.reason(square_centimetres=area)
+        return None
 
     def is_long(self, config: SkinMonitorConfig) -> bool:
         """Return whether it has lasted for so long that the arm is paused."""
@@ -395,16 +396,13 @@ class CommandedTouches:
                 return touch
         return None
 
-    def find_lasting(self) -> Problem | None:
+    def find_lasting(self) -> Reason | None:
         """Return where a touch has been light for too long; None if there is none."""
         patches = [one.patch for one in self.by_id.values() if one.lasts]
         if not patches:
             return None
-        longer = f"lasts for more than {self.config.light_seconds:g} s"
-        return Problem(
-            f"a light touch on patch '{patches[0]}' {longer}",
-            "lift what lies on it, or see to its cable or its cover",
-        )
+        seconds = self.config.light_seconds
+        return Problem.LASTING_TOUCH.reason(patch=patches[0], seconds=seconds)
 
     def list_others(self, touch: CommandedTouch) -> list[CommandedTouch]:
         """Return the other touches that are present, however light and long."""

@@ -1,12 +1,13 @@
 """This module decides which touches command the arm, and holds it on trouble.
 
 A stop needs nothing. For more, a touch asks, the arm asks back, and another touch
-answers. The class reads from top to bottom: what a detection asks for, why that is
-refused, what is done with a reading of the skin, the question, what the arm is told,
-and the watch.
+answers; whether it may is said by `conditions.py`. The class reads from top to bottom:
+what a detection asks for, what is done with a reading of the skin, the question, what
+the arm is told, and the watch.
 """
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field, replace
 from threading import Event as Flag
@@ -15,35 +16,38 @@ from typing import final
 
 from eskin.command.actions import (
     ASK,
-    COOL_DOWN,
     FUNCTION,
     HALTING_ACTIONS,
-    REDUCING_ACTIONS,
-    STARTING_ACTIONS,
     SUSPEND,
     FunctionCall,
-    needs_answer,
     resolve_action,
 )
-from eskin.command.arm import Arm, ArmState, Problem
+from eskin.command.arm import Arm
 from eskin.command.command_map import NON_GESTURES, CommandMap, Rule
 from eskin.command.commanded_touch import (
     CommandedTouch,
     CommandedTouches,
     CommandRequest,
 )
+from eskin.command.conditions import (
+    Situation,
+    describe_way,
+    find_change,
+    find_late_refusal,
+    find_refusal,
+    gesture_is_clear,
+    is_due,
+)
 from eskin.command.question import Question, QuestionConfig
+from eskin.command.reasons import Problem, Refusal, Trigger
 from eskin.command.skin_monitor import SkinMonitor, SkinMonitorConfig
 from eskin.errors import ArmError, JogError
 from eskin.live import UNKNOWN, Detection
+from eskin.reasons import Reason
 from eskin.stream import CommandEvent, Context, Listener, Message, RecognitionState
 from eskin.stream.listener import Drop
 from eskin.units import NS_PER_S
 
-ALREADY_COMMANDED = "its touch has commanded already; lift the hand before the next"
-GOES_ON = "something still presses the skin; let go, then ask again"
-ASKS_ALREADY = "the arm asks about another touch; let go, then ask again"
-TOUCHED_AGAIN = "the skin was touched again meanwhile; let go, then ask again"
 UNUSED = (
     "evidence",
     "min_duration",
@@ -149,11 +153,11 @@ class Policy(Listener):
         self.jogs_until = 0
         self.question: Question | None = None
         self.failed_at: int | None = None
-        self.stops: tuple[int, str | None] | None = None
+        self.stops: tuple[int, Reason | None] | None = None
         self.last_used: dict[object, int] = {}
-        self.slowed: Problem | None = None
-        self.held_for: Problem | None = None
-        self.over: str | None = None
+        self.slowed: Reason | None = None
+        self.held_for: Reason | None = None
+        self.over: Reason | None = None
         self.failure: BaseException | None = None
         self.call: FunctionCall | None = None
         self.closing = Flag()
@@ -228,13 +232,10 @@ class Policy(Listener):
         """Execute a detection's action now or later, or publish why not."""
         request = self.build_request(touch, detection)
         if request is None or request.action == "none":
-            said = "the map says none" if request else "the map has no rule for it"
-            self.publish("none", False, said, detection)
+            refusal = Refusal.NO_RULE if request is None else Refusal.RULE_OF_NONE
+            self.publish("none", False, refusal.reason(), detection)
             return
-        halts = request.action in HALTING_ACTIONS and not self.arm.state().stopped
-        refusal = ALREADY_COMMANDED
-        if halts or not touch.has_commanded(detection.onset):
-            refusal = self.find_refusal(request, detection.stamp)
+        refusal = find_refusal(self.observe(request, detection.stamp))
         if refusal is None:
             touch.asked.add(detection.onset)
             if request.action not in HALTING_ACTIONS or not request.is_confident:
@@ -246,15 +247,9 @@ class Policy(Listener):
         """Stop or slow the arm if an unknown touch may ask for it; do nothing else."""
         gesture = detection.likeliest
         known = gesture not in ("", *NON_GESTURES)
-        said = f", most likely {gesture} ({detection.confidence:.0%})" if known else ""
         chance = self.touches.find_stop_chance(detection)
         if chance is not None and not self.arm.state().paused:
-            refusal = self.find_fault(self.arm.state(), detection.stamp)
-            if refusal is None:
-                reason = f"not understood{said}: it may be a stop ({chance:.0%})"
-                self.pause_for(touch, reason, gesture if known else "")
-            else:
-                self.publish("pause", False, refusal, detection)
+            self.pause_for_unknown(touch, detection, chance)
         elif known:
             likely = replace(detection, gesture=gesture)
             request = self.build_request(touch, likely)
@@ -262,8 +257,42 @@ class Policy(Listener):
             if request is not None and request.is_confident and not halts:
                 self.decide(touch, likely)
             else:
-                reason = f"not understood{said}; do it again, more clearly"
-                self.publish("none", False, reason, detection)
+                refusal = Refusal.NOT_UNDERSTOOD.reason(
+                    likeliest=gesture, confidence=detection.confidence
+                )
+                self.publish("none", False, refusal, detection)
+
+    def pause_for_unknown(
+        self, touch: CommandedTouch, detection: Detection, chance: float
+    ) -> None:
+        """Pause the arm for an unknown touch that may be a stop, unless it cannot be.
+
+        Args:
+            touch: the touch.
+            detection: its detection, as unknown.
+            chance: probability that it is a stop.
+        """
+        request = CommandRequest(
+            touch=touch,
+            detection=detection,
+            rule=Rule(gesture=detection.gesture, action="pause"),
+            action="pause",
+            required=0.0,
+            confidence=chance,
+            end=detection.end,
+        )
+        refusal = find_change(self.observe(request, detection.stamp))
+        if refusal is not None:
+            self.publish("pause", False, refusal, detection)
+            return
+        likeliest = detection.likeliest
+        if likeliest in ("", *NON_GESTURES):
+            self.pause_for(touch, Trigger.MAY_BE_STOP.reason(chance=chance))
+            return
+        reason = Trigger.LIKELIEST_MAY_BE_STOP.reason(
+            likeliest=likeliest, confidence=detection.confidence, chance=chance
+        )
+        self.pause_for(touch, reason, likeliest)
 
     def build_request(
         self, touch: CommandedTouch, detection: Detection
@@ -285,89 +314,37 @@ class Policy(Listener):
             end=detection.end,
         )
 
-    def find_fault(self, state: ArmState, stamp: int) -> str | None:
-        """Return why no touch may command the arm, not even to stop.
+    def observe(self, request: CommandRequest, stamp: int) -> Situation:
+        """Return what the conditions of a request depend on, now.
 
         Args:
-            state: state of the arm.
-            stamp: time of the latest reading of the touch [ns since the epoch].
-        """
-        age = self.context.age(stamp)
-        if state.protective_stop:
-            return "the arm is in protective stop; unlock it at the robot"
-        if not state.connected:
-            return "the arm is not connected; see to its cable and its controller"
-        if not state.running:
-            return "the robot's program has ended; start the command again"
-        if age > self.config.monitor.max_age:
-            return f"it was felt {1e3 * age:.0f} ms ago; touch again"
-        return None
-
-    def find_refusal(self, request: CommandRequest, stamp: int) -> str | None:
-        """Return why a touch must not command what it asks for, or None where it may.
-
-        Its confidence is not considered. The reason is the one that holds now, and says
-        what to do.
-
-        Args:
-            request: what it asks for.
+            request: what a touch asks for.
             stamp: time of the latest reading of the touch [ns since the epoch].
         """
         now = self.context.clock.now()
         state = self.arm.state()
-        action = request.action
-        detection = request.detection
-        fault = self.find_fault(state, stamp)
-        if fault is not None or action in HALTING_ACTIONS:
-            return fault
-        problem = self.find_problem(now)
-        if problem is not None:
-            return str(problem)
-        if self.monitor.is_out(detection.patch, now):
-            return f"patch '{detection.patch}' is out; touch elsewhere"
-        rested = self.find_rest(request.rule, now)
-        if rested is not None:
-            return rested
-        allowed = action == "resume" or action in REDUCING_ACTIONS
-        if state.hold_reason is not None and not allowed:
-            reason = self.over or state.hold_reason
-            return f"the arm is held: {reason}; {self.describe_way(state)}"
-        if action == "jog" and not detection.direction_world.any():
-            return "the touch did not travel; stroke farther"
-        if action in STARTING_ACTIONS and not state.paused:
-            return f"nobody has paused it; {self.describe_way(state)}"
-        if action in STARTING_ACTIONS or self.needs_answer(request):
-            return self.find_noise(request, state)
-        return None
-
-    def find_noise(self, request: CommandRequest, state: ArmState) -> str | None:
-        """Return why a touch must not ask, because of what was before; None if it may.
-
-        Args:
-            request: what the touch asks for.
-            state: state of the arm.
-        """
-        onset = request.detection.onset
-        since = request.touch.quiet_since
-        since = onset if since is None else since
-        least = self.config.question.quiet
-        reason = f"something touched the skin less than {least:g} s before"
-        if state.stopped:
-            since = max(since, self.stopped_at)
-            reason = (
-                f"something touched the skin, or the arm moved, less than {least:g} s "
-                "before"
-            )
-        if self.failed_at is not None:
-            since = max(since, self.failed_at)
-            least = self.config.question.quiet_after_failure
-            reason = (
-                f"something touched the skin within {least:g} s after a question that "
-                "nobody answered"
-            )
-        if onset - since >= least * NS_PER_S:
-            return None
-        return f"{reason}; let go, wait {least:g} s, then ask again"
+        patch = request.detection.patch
+        halts = request.action in HALTING_ACTIONS
+        used = self.last_used.get(request.rule.key)
+        return Situation(
+            request=request,
+            arm=state,
+            meant=resolve_action(request.rule.action_or_function, state),
+            age=self.context.age(stamp),
+            asks=self.needs_answer(request),
+            problem=None if halts else self.find_problem(now),
+            is_out=self.monitor.is_out(patch, now),
+            has_data=self.monitor.has_data(patch),
+            over=self.over,
+            since_same=math.inf if used is None else (now - used) / NS_PER_S,
+            stopped_at=self.stopped_at,
+            failed_at=self.failed_at,
+            latest=self.touches.latest,
+            others=self.touches.list_others(request.touch),
+            commands=self.commands,
+            limits=self.config.monitor,
+            config=self.config.question,
+        )
 
     def needs_answer(self, request: CommandRequest) -> bool:
         """Return whether the arm asks before it does what is asked for."""
@@ -375,35 +352,7 @@ class Policy(Listener):
             return False
         return self.commands.needs_answer(request.rule, request.action)
 
-    def find_rest(self, rule: Rule, now: int) -> str | None:
-        """Return why a rule rests at a time, or None where it does not."""
-        if rule.key not in self.last_used:
-            return None
-        cool_down = rule.cool_down if rule.cool_down is not None else COOL_DOWN
-        rested = (now - self.last_used[rule.key]) / NS_PER_S
-        if rested >= cool_down:
-            return None
-        return (
-            f"the same was done {rested:.1f} s ago, it rests {cool_down:g} s; wait, "
-            "then do it again"
-        )
-
-    def describe_way(self, state: ArmState) -> str:
-        """Return what a person does at the skin to let a stopped arm go on."""
-        stops, goes = (
-            " or ".join(self.commands.list_gestures(action)).replace("_", " ")
-            for action in ("pause", "resume")
-        )
-        if goes and self.commands.asks:
-            answer = self.commands.answer.replace("_", " ")
-            goes = f"{goes}, then {answer} when the arm asks"
-        if state.paused:
-            return f"to go on: {goes or 'resume it in the program'}"
-        if not (stops and goes):
-            return "to go on: release it in the program"
-        return f"to go on: {stops}, {self.config.question.quiet:g} s later {goes}"
-
-    def find_problem(self, now: int) -> Problem | None:
+    def find_problem(self, now: int) -> Reason | None:
         """Return why the arm is held at a time; None if it is not."""
         if self.call is not None and self.call.has_returned():
             self.call = None
@@ -426,10 +375,10 @@ class Policy(Listener):
         problem = self.find_problem(now)
         if problem is not None:
             for request in self.touches.requests:
-                self.complete(request, str(problem))
+                self.complete(request, problem)
             self.touches.requests.clear()
             if self.question is not None:
-                self.end_question(str(problem))
+                self.end_question(problem)
             if state.hold_reason is None:
                 self.held_for = problem
                 self.hold(problem)
@@ -437,9 +386,10 @@ class Policy(Listener):
         elif state.hold_reason is None:
             self.held_for = self.over = None
         elif self.held_for is not None and self.over is None:
-            self.over = f"no longer {self.held_for.what}"
-            way = self.describe_way(state)
-            self.publish("resume", False, f"{self.over}; {way}")
+            self.over = self.held_for
+            way = describe_way(state, self.commands, self.config.question)
+            refusal = Refusal.PROBLEM_OVER.reason(problem=self.over.what, way=way)
+            self.publish("resume", False, refusal)
 
     def stop_if_excessive(self) -> None:
         """Stop an arm at work under a touch that is too strong or long, whatever it is.
@@ -453,16 +403,17 @@ class Policy(Listener):
             return
         for touch in self.touches.felt:
             excess = touch.find_excess(self.config.monitor)
-            if excess and self.commands.asks:
-                return self.hold(Problem(excess, "take your hand off"), touch)
+            if excess is not None and self.commands.asks:
+                return self.hold(excess, touch)
             if touch.is_long(self.config.monitor):
-                return self.pause_for(touch, f"touch for {touch.duration:.1f} s")
+                reason = Trigger.LONG_TOUCH.reason(seconds=touch.duration)
+                return self.pause_for(touch, reason)
 
     def pause_if_touched(self) -> None:
         """End a jog as soon as anybody touches the skin; the arm stays paused."""
         if self.touches.felt and self.arm.state().jogging:
             self.arm.pause()
-            self.publish("pause", True, "touched while it jogs")
+            self.publish("pause", True, Trigger.TOUCHED_WHILE_JOGGING.reason())
 
     def pause_if_stop(self) -> None:
         """Pause an arm at work if a touch that nobody recognised may be a stop."""
@@ -471,7 +422,7 @@ class Policy(Listener):
         for touch in self.touches.ended:
             may_stop = touch.onset is not None and not touch.decided
             if may_stop and touch.stop_chance >= touch.stop_required:
-                self.pause_for(touch, "not understood: the touch may have been a stop")
+                self.pause_for(touch, Trigger.MAY_HAVE_BEEN_STOP.reason())
 
     def tell_if_never_quiet(self) -> None:
         """Publish once which touch has pressed the skin for so long that none asks."""
@@ -479,10 +430,8 @@ class Policy(Listener):
         for touch in self.touches.felt:
             if touch.duration > longest and not touch.told:
                 touch.told = True
-                reason = (
-                    f"patch '{touch.patch}' has been touched for more than {longest:g} "
-                    "s, and nothing starts the arm meanwhile; lift what lies on it, or "
-                    "start again so that its rest is measured"
+                reason = Refusal.TOUCHED_ALL_THE_TIME.reason(
+                    patch=touch.patch, seconds=longest
                 )
                 self.publish("none", False, reason, touch=touch)
 
@@ -500,90 +449,38 @@ class Policy(Listener):
         if state.speed_limit != limit:
             self.arm.limit_speed(limit)
             if touch is not None:
-                reason = "touched: the arm stands until that is over"
-                self.publish(SUSPEND, True, reason, touch=touch)
+                self.publish(SUSPEND, True, Trigger.TOUCHED.reason(), touch=touch)
 
     def update_slowing(self, now: int) -> None:
         """Slow the arm where the skin asks for it, and no longer once that is over."""
         problem = self.monitor.find_outage(now) or self.touches.find_lasting()
         if problem is not None:
             if self.slowed is None:
-                self.publish("slow", True, str(problem))
+                self.publish("slow", True, problem)
             self.slowed = problem
             self.slowed_at = now
         elif self.slowed is not None:
             if now - self.slowed_at > self.config.monitor.clear_seconds * NS_PER_S:
-                self.publish("normal", True, f"no longer {self.slowed.what}")
+                reason = Trigger.PROBLEM_OVER.reason(problem=self.slowed.what)
+                self.publish("normal", True, reason)
                 self.slowed = None
 
     def review(self, request: CommandRequest) -> None:
         """Execute or ask for a request once it may be, or refuse it if it must not."""
-        refusal = self.find_late_refusal(request)
+        situation = self.observe(request, self.touches.latest)
+        refusal = find_late_refusal(situation)
         if refusal is None:
-            if not self.is_due(request):
+            if not is_due(situation):
                 return
-            refusal = self.find_uncertainty(request)
+            refusal = gesture_is_clear(situation)
         self.touches.requests.remove(request)
-        asks = refusal is None and self.needs_answer(request)
+        asks = refusal is None and situation.asks
         if asks and self.question is not None:
-            self.complete(request, ASKS_ALREADY)
+            self.complete(request, Refusal.ASKS_ALREADY.reason())
         elif asks:
             self.ask(request)
         else:
             self.complete(request, refusal)
-
-    def find_late_refusal(self, request: CommandRequest) -> str | None:
-        """Return why a request must not be executed any more, or None where it may."""
-        if request.touch.clashes:
-            return ALREADY_COMMANDED
-        refusal = self.find_change(request)
-        if refusal is not None or self.is_immediate(request):
-            return refusal
-        others = self.touches.list_others(request.touch)
-        if any((one.onset or 0) > request.end for one in others):
-            return TOUCHED_AGAIN
-        longest = self.config.question.quiet * NS_PER_S
-        since = self.touches.latest - request.end
-        is_let_go = request.touch.closed and since > longest
-        return GOES_ON if is_let_go and not self.is_due(request) else None
-
-    def find_change(self, request: CommandRequest) -> str | None:
-        """Return why arm and skin do not allow what is asked for now, or None."""
-        refusal = self.find_refusal(request, self.touches.latest)
-        if refusal is not None or request.action in HALTING_ACTIONS:
-            return refusal
-        meant = resolve_action(request.rule.action_or_function, self.arm.state())
-        if meant != request.action and self.commands.asks:
-            meant = meant.replace("_", " ")
-            return f"the arm has changed: the same would {meant} now"
-        return None
-
-    def is_immediate(self, request: CommandRequest) -> bool:
-        """Return whether what is asked for makes the arm do no more than before."""
-        return not needs_answer(request.action, request.rule.function)
-
-    def is_due(self, request: CommandRequest) -> bool:
-        """Return whether it can be decided now whether a request is executed.
-
-        What makes the arm do no more is, as soon as it is confident. All else waits
-        until its touch has closed, and nothing presses the skin any more.
-        """
-        touch = request.touch
-        if self.is_immediate(request):
-            return request.is_confident or touch.closed
-        is_quiet = not self.touches.list_others(touch)
-        has_data = self.monitor.has_data(request.detection.patch)
-        return not touch.is_present and is_quiet and has_data
-
-    def find_uncertainty(self, request: CommandRequest) -> str | None:
-        """Return that a gesture is not likely enough, or None where it is."""
-        if request.is_confident:
-            return None
-        gesture = request.detection.gesture.replace("_", " ")
-        return (
-            f"not understood: {gesture} ({request.confidence:.0%}) is below "
-            f"{request.required:.0%}; do it again, more clearly"
-        )
 
     def ask(self, request: CommandRequest) -> None:
         """Ask whether the arm is to do what a touch asks for."""
@@ -597,7 +494,7 @@ class Policy(Listener):
             config=self.config.question,
         )
         self.arm.show_question(True)
-        self.publish(ASK, True, self.question.text, request.detection)
+        self.publish(ASK, True, self.question.reason, request.detection)
 
     def review_question(self) -> None:
         """Execute what the arm has asked for once it is answered, or refuse it."""
@@ -610,12 +507,14 @@ class Policy(Listener):
         if self.question is None:
             return
         request = self.question.request
-        refusal = self.question.find_refusal(self.touches) or self.find_change(request)
+        refusal = self.question.find_refusal(self.touches)
+        if refusal is None:
+            refusal = find_change(self.observe(request, self.touches.latest))
         is_answered = self.question.is_answered(self.touches.latest)
         if refusal is not None or is_answered:
             self.end_question(refusal)
 
-    def end_question(self, refusal: str | None) -> None:
+    def end_question(self, refusal: Reason | None) -> None:
         """End the question that is open, and do what was asked for unless refused.
 
         What was detected meanwhile acts as ever if it was no answer.
@@ -631,35 +530,35 @@ class Policy(Listener):
             self.complete(question.request, None)
             return
         self.failed_at = self.context.clock.now()
-        least = self.config.question.quiet_after_failure
-        if ";" not in refusal:
-            refusal = f"{refusal}; let go, and ask again {least:g} s later"
         self.complete(question.request, refusal)
         for touch, detection in question.detections:
             # It has waited for the question, and is not old because of that.
             present = replace(detection, stamp=self.touches.latest)
             self.take(touch, present)
 
-    def complete(self, request: CommandRequest, refusal: str | None) -> None:
+    def complete(self, request: CommandRequest, refusal: Reason | None) -> None:
         """Execute a request unless it is refused, and publish the decision."""
         detection = request.detection
         if refusal is None:
             try:
-                self.execute(request)
+                refusal = self.execute(request)
             except JogError as error:
-                refusal = str(error)
+                refusal = Problem.ORDER_FAILED.reason(error=error)
             except ArmError as error:
-                refusal = str(error)
-                self.hold(Problem(refusal))
+                refusal = Problem.ORDER_FAILED.reason(error=error)
+                self.hold(refusal)
         if refusal is None:
             self.accepted += 1
             self.last_used[request.rule.key] = self.context.clock.now()
-        source = f"{detection.gesture} on {detection.patch}"
-        reason = source if refusal is None else refusal
+        reason = describe_source(detection) if refusal is None else refusal
         self.publish(request.action, refusal is None, reason, detection)
 
-    def execute(self, request: CommandRequest) -> None:
-        """Make the arm execute what is asked for."""
+    def execute(self, request: CommandRequest) -> Reason | None:
+        """Make the arm execute what is asked for; return why it failed, if it did.
+
+        Raises:
+            ArmError: the arm does not execute it.
+        """
         arm = self.arm
         detection = request.detection
         rule = request.rule
@@ -679,19 +578,21 @@ class Policy(Listener):
             case "normal":
                 arm.set_speed(1.0)
             case "hold":
-                arm.hold(f"{detection.gesture} on {detection.patch}")
+                arm.hold(describe_source(detection))
                 self.stopped_at = now
             case action if action == FUNCTION:
                 call = FunctionCall(rule.function or "", arm, detection)
                 if not call.has_returned(self.config.function_seconds):
                     self.call = call
                     self.held_for = call.problem
-                    raise ArmError(str(call.problem))
+                    self.hold(call.problem)
+                    return call.problem
             case action:
                 getattr(arm, action)()
+        return None
 
     def pause_for(
-        self, touch: CommandedTouch, reason: str, likeliest: str = ""
+        self, touch: CommandedTouch, reason: Reason, likeliest: str = ""
     ) -> None:
         """Pause the arm for a touch that was not recognised, and publish why.
 
@@ -705,17 +606,17 @@ class Policy(Listener):
         touch.blocked = True
         self.publish("pause", True, reason, touch=touch, likeliest=likeliest)
 
-    def hold(self, problem: Problem, touch: CommandedTouch | None = None) -> None:
+    def hold(self, problem: Reason, touch: CommandedTouch | None = None) -> None:
         """Hold the arm and publish why, and for which touch."""
-        self.arm.hold(str(problem))
+        self.arm.hold(problem)
         self.stopped_at = self.context.clock.now()
-        self.publish("hold", True, str(problem), touch=touch)
+        self.publish("hold", True, problem, touch=touch)
 
     def publish(
         self,
         action: str,
         accepted: bool,
-        reason: str,
+        reason: Reason,
         detection: Detection | None = None,
         touch: CommandedTouch | None = None,
         likeliest: str = "",
@@ -748,7 +649,7 @@ class Policy(Listener):
                 touch=number,
                 gesture=gesture,
                 accepted=accepted,
-                why=reason,
+                reason=reason,
                 onset=onset,
                 patch=patch,
                 likeliest=likeliest,
@@ -758,7 +659,7 @@ class Policy(Listener):
     def check_skin(self) -> None:
         """Hold or slow the arm where its skin or its policy cannot be relied on."""
         if not self.lock.acquire(timeout=self.config.monitor.max_age):
-            return self.arm.hold("the policy does not answer")
+            return self.arm.hold(Problem.BLOCKED_POLICY.reason())
         try:
             self.hold_if_unreliable()
             self.update_limit()
@@ -781,15 +682,21 @@ class Policy(Listener):
         try:
             action()
         except BaseException as error:
-            self.arm.hold(f"the policy failed: {type(error).__name__}")
+            name = type(error).__name__
+            self.arm.hold(Problem.FAILED_POLICY.reason(error=name))
             raise
 
     def close(self) -> None:
         """Hold the arm: nothing monitors the skin any more."""
         self.closing.set()
-        self.arm.hold("the stream has ended")
+        self.arm.hold(Problem.ENDED_STREAM.reason())
         self.question = None
         self.arm.show_question(False)
         self.arm.limit_speed(1.0)
         if self.thread is not None:
             self.thread.join()
+
+
+def describe_source(detection: Detection) -> Reason:
+    """Return that a gesture on a patch is why the arm does something."""
+    return Trigger.GESTURE.reason(gesture=detection.gesture, patch=detection.patch)

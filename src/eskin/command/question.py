@@ -10,12 +10,10 @@ from eskin.command.commanded_touch import (
     CommandedTouches,
     CommandRequest,
 )
+from eskin.command.reasons import Refusal, Trigger
 from eskin.live import Detection
+from eskin.reasons import Reason
 from eskin.units import NS_PER_S
-
-TOUCHED_BEFORE = "the skin was touched before the arm had asked"
-TOO_LATE = "the answer came too late"
-TWO_TOUCHES = "more than one touch came in answer"
 
 
 @dataclass(frozen=True)
@@ -95,13 +93,19 @@ class Question:
         return self.touch is not None
 
     @property
-    def text(self) -> str:
+    def reason(self) -> Reason:
         """What the arm asks, such as `resume? answer by a poke there within 1 s`."""
-        action = self.request.rule.function or self.request.action.replace("_", " ")
-        answer = self.answer.replace("_", " ")
-        return f"{action}? answer by a {answer} there within {self.config.window:g} s"
+        return Trigger.QUESTION.reason(
+            action=self.request.rule.function or self.request.action.replace("_", " "),
+            answer=self.answer.replace("_", " "),
+            window=self.config.window,
+        )
 
-    def find_refusal(self, touches: CommandedTouches) -> str | None:
+    def refuse(self, refusal: Refusal, **values: object) -> Reason:
+        """Return why it is refused, and when the arm can be asked again."""
+        return refusal.reason(again=self.config.quiet_after_failure, **values)
+
+    def find_refusal(self, touches: CommandedTouches) -> Reason | None:
         """Return why it is refused by now, or None where it is not.
 
         Args:
@@ -119,42 +123,45 @@ class Question:
                     return refusal
                 self.touch = touch
         if self.touch is None:
+            if touches.latest <= self.deadline:
+                return None
             answer = self.answer.replace("_", " ")
-            is_over = touches.latest > self.deadline
-            return f"no {answer} answered" if is_over else None
-        if self.touch.excess:
-            return f"the answer was a {self.touch.excess}"
+            return self.refuse(Refusal.NO_ANSWER, answer=answer)
+        if self.touch.excess is not None:
+            problem = self.touch.excess.what
+            return self.refuse(Refusal.STRONG_ANSWER, problem=problem)
         if self.touch.duration > self.config.max_seconds:
-            return f"the answer lasted for more than {self.config.max_seconds:g} s"
+            longest = self.config.max_seconds
+            return self.refuse(Refusal.LONG_ANSWER, seconds=longest)
         return None if self.touch.is_present else self.find_doubt(self.touch, touches)
 
     def find_doubt(
         self, touch: CommandedTouch, touches: CommandedTouches
-    ) -> str | None:
+    ) -> Reason | None:
         """Return why a touch that has left is no answer, or None where it is one."""
-        answer = self.answer.replace("_", " ")
         if touch.duration < self.config.min_seconds:
-            return f"the answer was brief ({touch.duration:.2f} s), as a hit may be"
+            return self.refuse(Refusal.BRIEF_ANSWER, seconds=touch.duration)
         link = self.request.detection.link
         if touches.links[touch.patch] != link:
-            return f"the answer was not on {link}, where the touch was that asked"
+            return self.refuse(Refusal.ANSWER_ELSEWHERE, link=link)
         chances = dict(zip(self.vocabulary, touch.probabilities.tolist(), strict=False))
         chance = chances.get(self.answer, 0.0)
         others = [
             chances.get(word, 0.0) for word in chances if word not in NON_GESTURES
         ]
         if chance < max([MIN_CONFIDENCE, *others]):
-            return f"the answer was no clear {answer} ({chance:.0%})"
+            answer = self.answer.replace("_", " ")
+            return self.refuse(Refusal.UNCLEAR_ANSWER, answer=answer, chance=chance)
         return None
 
-    def find_touch_refusal(self, touch: CommandedTouch) -> str | None:
+    def find_touch_refusal(self, touch: CommandedTouch) -> Reason | None:
         """Return why a touch that has begun cannot be the answer, or None."""
         if self.touch is not None:
-            return TWO_TOUCHES
+            return self.refuse(Refusal.TWO_ANSWERS)
         onset = touch.onset or 0
         if onset < self.asked_at + self.config.least_delay * NS_PER_S:
-            return TOUCHED_BEFORE
-        return TOO_LATE if onset > self.deadline else None
+            return self.refuse(Refusal.TOUCHED_BEFORE_QUESTION)
+        return self.refuse(Refusal.LATE_ANSWER) if onset > self.deadline else None
 
     def is_answered(self, now: int) -> bool:
         """Return whether it is answered, if nothing refuses it.

@@ -8,16 +8,14 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from eskin.command.arm import Problem
+from eskin.command.reasons import Problem
+from eskin.reasons import Reason
 from eskin.skin import Skin
 from eskin.stream import RecognitionState
 from eskin.units import NS_PER_S
 
 IN_CONTACT = 0.2
 """Time before a patch went out in which a contact on it is one that was lost [s]."""
-SEE_TO_PATCH = "see to its cable or its cover; touches are felt elsewhere"
-"""What a person does about a patch that is out."""
-
 
 logger = logging.getLogger(__name__)
 
@@ -146,7 +144,7 @@ class SkinMonitor:
         oldest = now - round(self.config.max_silence * NS_PER_S)
         return tuple(np.flatnonzero(self.last_valid < oldest).tolist())
 
-    def find_problem(self, now: int, is_busy: bool = False) -> Problem | None:
+    def find_problem(self, now: int, is_busy: bool = False) -> Reason | None:
         """Return why the arm is held at a time, or None where it is not.
 
         The skin is stale, or feels nothing; or a probability is not finite; or patches
@@ -156,41 +154,36 @@ class SkinMonitor:
         """
         age = (now - self.latest) / NS_PER_S
         if age > self.config.max_age:
-            silence = f"no reading for {1e3 * age:.0f} ms"
-            if is_busy:
-                return Problem(f"this computer was too busy: {silence}")
-            return Problem(f"stale skin: {silence}", "see to its cable and its power")
+            problem = Problem.BUSY_COMPUTER if is_busy else Problem.STALE_SKIN
+            return problem.reason(milliseconds=1e3 * age)
         if not self.is_finite:
-            what = "broken model: a probability is not finite"
-            return Problem(what, "use another model")
+            return Problem.BROKEN_MODEL.reason()
         if self.is_turned:
-            what = "deaf skin: counts go the other way under pressure"
-            return Problem(what, "run eskin calibrate on it")
+            return Problem.DEAF_SKIN.reason()
         out = self.find_out(now)
         if not out:
             return None
         share = self.sizes[list(out)].sum() / self.sizes.sum()
         if share > self.config.max_out_share:
-            what = f"broken skin: {self.name(out)} out, {share:.0%} of the taxels"
-            return Problem(what, SEE_TO_PATCH)
+            return Problem.BROKEN_SKIN.reason(patches=self.name(out), share=share)
         for index in out:
             silence = (now - self.last_valid[index]) / NS_PER_S
             if silence > self.config.max_out_seconds and (
                 self.was_in_contact(index) or self.coverage_gap(index, out)
             ):
-                return Problem(f"broken skin: {self.name((index,))} out", SEE_TO_PATCH)
+                return Problem.BROKEN_PATCH.reason(patches=self.name((index,)))
         return None
 
     def lost_in_contact(self, now: int) -> bool:
         """Return whether a patch is out that was touched when it went out."""
         return any(map(self.was_in_contact, self.find_out(now)))
 
-    def find_outage(self, now: int) -> Problem | None:
+    def find_outage(self, now: int) -> Reason | None:
         """Return which patches are out at a time, or None where none is."""
         out = self.find_out(now)
         if not out:
             return None
-        return Problem(f"broken skin: {self.name(out)} out", SEE_TO_PATCH)
+        return Problem.BROKEN_PATCH.reason(patches=self.name(out))
 
     def name(self, out: tuple[int, ...]) -> str:
         """Return the names of patches that are out, with a verb."""

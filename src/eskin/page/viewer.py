@@ -233,7 +233,7 @@ def describe_command(command: CommandEvent) -> str:
     if command.likeliest:
         why = f"probably a {command.likeliest}"
     done = DONE.get(action, action)
-    return to_words(f"{done} ({why})" if why else done)
+    return to_words(f"{done} ({why})")
 
 
 def build_still(
@@ -274,15 +274,12 @@ def describe_arm(
     if arm.moving and arm.speed_limit == 0:
         state = "stopping"
     why = ""
-    if not arm.connected:
+    if not arm.connected or arm.protective_stop:
         state = "stopped"
-        why = "the connection is lost; check the robot's network and power"
-    elif arm.protective_stop:
-        state = "stopped"
-        why = "protective stop; clear it at the robot"
-    elif arm.hold_reason:
+        why = str(arm.problem)
+    elif arm.hold_reason is not None:
         state = "held"
-        why = arm.hold_reason
+        why = str(arm.hold_reason)
     elif arm.paused:
         state = "paused"
     elif board.action:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from eskin.drivers import Clock, Event, SourceInfo
 from eskin.live import Detection
+from eskin.reasons import Reason
 from eskin.touch import Scan, TouchRecord, TouchState
 from eskin.units import NS_PER_S
 
@@ -55,14 +56,19 @@ class CommandEvent:
     """Gesture recognised in that touch, if any."""
     accepted: bool
     """Whether the action was carried out."""
-    why: str
-    """Reason why it was, or was not."""
+    reason: Reason
+    """Why it was, or was not."""
     onset: int | None = None
     """First contact of that touch [ns since the epoch]; None without one."""
     patch: str | None = None
     """Patch of its strongest contact; None without one."""
     likeliest: str = ""
     """Likeliest gesture of that touch, where none was recognised; empty otherwise."""
+
+    @property
+    def why(self) -> str:
+        """The reason, as a person reads it."""
+        return str(self.reason)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """This module scores the commands of an arm that simulated users touch."""
 
-import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -72,13 +71,13 @@ class Attempt:
 
     @property
     def failure(self) -> str:
-        """Why the outcome is not correct, without numbers; empty if it is correct."""
+        """Why the outcome is not correct, in a few words; empty if it is correct."""
         if self.outcome == "correct":
             return ""
         if self.mistake:
             return self.mistake
         if self.refusals and (self.command is None or self.asked is not None):
-            return re.split(r"[:;,(\d]", self.refusals[-1].why)[0].strip()
+            return self.refusals[-1].reason.cause.words
         others = [word for word in self.recognised if word != self.gesture]
         if others:
             return f"said to be {others[-1]}"
