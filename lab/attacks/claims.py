@@ -192,8 +192,9 @@ def poke(
         early |= arm.held_at is not None and seconds < ONSET
     if felt:
         return Outcome("felt", held_early=early)
-    held = arm.held_at is not None
-    return Outcome("held" if held else "blind", arm.reason or "", early)
+    if arm.reason is None:
+        return Outcome("blind", held_early=early)
+    return Outcome("held", str(arm.reason), early)
 
 
 def read_changed(content: dict[str, Any], model: Model) -> tuple[Calibration, Model]:

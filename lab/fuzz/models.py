@@ -106,12 +106,18 @@ class ModelTarget(Target):
         self.path.write_bytes(data)
         try:
             model = load_model(self.path)
+        except ModelError as error:
+            check_refusal(error)
+            return False
+        card = model.card
+        has_unknown = bool(set(card.decision.thresholds) - set(card.vocabulary))
+        try:
             recognizer = Recognizer(model, self.mounted, self.calibration)
         except ModelError as error:
             check_refusal(error)
             return False
-        except ValueError as error:  # A threshold of an unknown gesture.
-            if "threshold of" not in str(error):
+        except ValueError:
+            if not has_unknown:
                 raise
             return False
         count = self.mounted.skin.count

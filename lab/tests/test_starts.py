@@ -44,8 +44,8 @@ def test_answers_begin_as_late_as_people_answer(people):
 
 FELT = Try("fresh", 1, 0, 1, end=1.0, felt=0.1)
 GRABBED = replace(FELT, detected=[("grab", 0.9)])
-TOO_HARD = [("resume", False, "touch of 44 N, which would stop the arm", 1.0)]
-UNCLEAR = [("resume", False, "no clear poke (0.40); let go", 2.5)]
+TOO_HARD = [("resume", False, "strong touch", 1.0)]
+UNCLEAR = [("resume", False, "unclear answer", 2.5)]
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ UNCLEAR = [("resume", False, "no clear poke (0.40); let go", 2.5)]
         (replace(FELT, felt=None), "the grab was not felt"),
         (FELT, "detected as nothing"),
         (replace(FELT, detected=[("stroke", 0.8)]), "detected as stroke"),
-        (replace(GRABBED, decisions=TOO_HARD), "request: touch of"),
+        (replace(GRABBED, decisions=TOO_HARD), "request: strong touch"),
         (
             replace(
                 GRABBED,
@@ -63,7 +63,7 @@ UNCLEAR = [("resume", False, "no clear poke (0.40); let go", 2.5)]
                 answer_detected=[("unknown", 0.4)],
                 decisions=UNCLEAR,
             ),
-            "answer (unknown): no clear poke",
+            "answer (unknown): unclear answer",
         ),
         (replace(GRABBED, moved=3.0), ""),
     ],

@@ -8,7 +8,8 @@ import re
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 
-from eskin.drivers.csv_lines import LineError, LineForm, OptionChange, clean_line
+from eskin.drivers.csv_lines import LineForm, clean_line
+from eskin.drivers.csv_problems import LineError, OptionChange
 
 MAX_CHANGES = 3
 """Largest number of changes of the options that are tried together."""

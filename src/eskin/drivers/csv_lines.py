@@ -9,10 +9,11 @@ import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 
+from eskin.drivers.csv_problems import LineError, LineProblem, OptionChange
 from eskin.drivers.packet import Framing
 from eskin.errors import DeviceError
 from eskin.files import parse_number
@@ -53,35 +54,6 @@ ALLOWED_OPTIONS = (
     "time=ns, us, ms, s, ignore or none, last=ignore, decimal=comma or point, base=10 "
     "or 16, label=TEXT, and scale, offset and missing=NUMBER"
 )
-
-
-class OptionChange(NamedTuple):
-    """A change of the options of a port may make its lines readable."""
-
-    options: dict[str, str]
-    """New values of options; empty for an option that is left out."""
-    condition: str
-    """When it is right, as part of a sentence."""
-
-
-@final
-class LineError(Exception):
-    """Says why a line is refused, and what may help.
-
-    Attributes:
-        why: why it is refused.
-        changes: changes of the options by which it might be read.
-        remedy: what else helps; empty where not known.
-    """
-
-    def __init__(
-        self, why: str, changes: Sequence[OptionChange] = (), remedy: str = ""
-    ) -> None:
-        """Keep all three."""
-        super().__init__(why)
-        self.why = why
-        self.changes = tuple(changes)
-        self.remedy = remedy
 
 
 @final
@@ -167,20 +139,15 @@ class LineForm:
         numbers = HEXADECIMAL if self.base == "16" else NUMBERS
         if numbers.fullmatch(body) is None:
             if find_hexadecimal(body):
-                why = "some of its numbers have digits of A to F"
-                remedy = (
-                    "check cable and baud rate, or set base=16 if it is hexadecimal"
-                )
-                raise LineError(why, HEXADECIMAL_CHANGES, remedy)
-            raise LineError("not all of it is numbers")
+                raise LineError(LineProblem.LETTERS.reason(), HEXADECIMAL_CHANGES)
+            raise LineError(LineProblem.NOT_NUMBERS.reason())
         body = AROUND.sub(rb"\1", body.strip())
         if self.decimal == "comma":
             body = body.replace(b",", b".")
         elif not self.decimal and b"," in body and any(c in body for c in b"; \t"):
             others = SEPARATOR.sub(b" ", body.replace(b",", b".")).split()
             raise LineError(
-                "commas may separate or be decimal (with decimal=comma, it has "
-                f"{len(others)} numbers)",
+                LineProblem.COMMAS.reason(count=len(others)),
                 [
                     OptionChange({"decimal": "comma"}, "if commas are decimal"),
                     OptionChange({"decimal": "point"}, "if commas separate"),
@@ -199,7 +166,7 @@ class LineForm:
                 return [float(int(word, 16)) if word else np.nan for word in words]
             return [float(word) if word else np.nan for word in words]
         except (ValueError, OverflowError):
-            raise LineError("not all of it is numbers") from None
+            raise LineError(LineProblem.NOT_NUMBERS.reason()) from None
 
 
 HEXADECIMAL_CHANGES = (OptionChange({"base": "16"}, "if they are hexadecimal"),)
@@ -259,7 +226,7 @@ def read_json(body: bytes, unit: str, sizes: Sequence[int]) -> list[float]:
         fitting = [array for array in arrays if len(array) in sizes]
         counts = sum(arrays, []) if len(fitting) != 1 else fitting[0]
     except (ValueError, RecursionError, OverflowError, TypeError):
-        raise LineError("it begins as a JSON object and is none with numbers") from None
+        raise LineError(LineProblem.BROKEN_OBJECT.reason()) from None
     if not unit:
         return counts or [*outside.values()]
     time = outside.pop(find_time(outside, unit))
@@ -288,11 +255,10 @@ def find_time(names: Iterable[str], unit: str) -> str:
     found = alike or names
     if len(found) == 1:
         return found[0]
-    why = "its time is missing"
-    if found:
-        listed = ", ".join(ascii(name)[:MAX_NAME] for name in found[:MAX_NAMES])
-        why = f"which of its numbers is its time is not known: {listed}"
-    raise LineError(why, remedy=f"name the time 't' or '{unit}' in all lines")
+    if not found:
+        raise LineError(LineProblem.OBJECT_WITHOUT_TIME.reason(unit=unit))
+    listed = ", ".join(ascii(name)[:MAX_NAME] for name in found[:MAX_NAMES])
+    raise LineError(LineProblem.OBJECT_WITH_TIMES.reason(unit=unit, names=listed))
 
 
 def flatten(values: list[Any]) -> list[float]:

@@ -29,9 +29,7 @@ from eskin.drivers.csv_lines import (
     BRACKETS,
     UNITS,
     LineDeframer,
-    LineError,
     LineForm,
-    OptionChange,
     clean_line,
     read_json,
 )
@@ -41,11 +39,13 @@ from eskin.drivers.csv_meaning import (
     NumberTest,
     check_powers,
 )
+from eskin.drivers.csv_problems import LineError, LineProblem, OptionChange
 from eskin.drivers.events import REPORT_INTERVAL
 from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
 from eskin.drivers.sampled_source import MAX_HELD, PatchSample, SampleDevice
 from eskin.drivers.serial_transport import MAX_READ_BYTES, SerialPort
 from eskin.errors import DeviceError
+from eskin.reasons import Reason
 from eskin.skin import Skin
 from eskin.units import NS_PER_S
 
@@ -189,7 +189,8 @@ class MatrixLine:
         self.kept: deque[tuple[int, bytes]] = deque()
         self.kept_bytes = 0
         self.searched_at: int | None = None
-        self.advice: tuple[str, str] = "", ""
+        self.advised: Reason | None = None
+        self.advice = ""
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -244,8 +245,8 @@ class MatrixLine:
             self.unbelieved_at = now
         # The first lines of every clock are not believed.
         if now - self.unbelieved_at > MAX_HELD:
-            why = "its time does not go on as the clock of this computer does"
-            self.refuse(line, LineError(why, [OptionChange({"time": "ignore"}, "")]))
+            change = OptionChange({"time": "ignore"}, "")
+            self.refuse(line, LineError(LineProblem.TIME_LEAPS.reason(), [change]))
         return None
 
     def parse(self, line: bytes, now: int = 0) -> ParsedLine | None:
@@ -311,9 +312,8 @@ class MatrixLine:
         one line a second is refused.
         """
         error = LineError(
-            f"it does not begin with '{self.form.label}'",
+            LineProblem.OTHER_LABEL.reason(label=self.form.label),
             [OptionChange({"label": ""}, "")],
-            "correct the label, or leave it out",
         )
         if now - self.labelled_at > NS_PER_S:
             self.labelled_at = now
@@ -333,14 +333,12 @@ class MatrixLine:
         # A star in a JSON object is part of a text.
         if not star or b"}" in digits:
             if self.has_checksum:
-                why = "it has no checksum, as others had"
-                raise LineError(why, remedy="send it with all")
+                raise LineError(LineProblem.WITHOUT_CHECKSUM.reason())
             return body
         whole = line[: line.rindex(b"*")]
         sums = {f"{reduce(xor, text, 0):02X}".encode() for text in (whole, content)}
         if digits.upper() not in sums:
-            why = "its checksum is wrong"
-            raise LineError(why, remedy="send the exclusive or of all bytes before")
+            raise LineError(LineProblem.WRONG_CHECKSUM.reason())
         self.has_checksum = True
         return content
 
@@ -383,8 +381,7 @@ class MatrixLine:
         begins = bool(self.form.label and words and not words[0])
         ends = bool(words and not words[-1])
         if begins and ends and size - 1 in allowed:
-            why = "its first or its last cell is missing"
-            raise LineError(why, remedy="send nan for a missing cell")
+            raise LineError(LineProblem.WITHOUT_END_CELL.reason())
         if begins and ends and size - 2 in allowed:
             del words[0], words[-1]
         elif begins and size - 1 in allowed and size not in allowed:
@@ -407,15 +404,13 @@ class MatrixLine:
         rising = self.end_test.rising
         if rising == "last" and self.form.time == "ignore" and not self.form.last:
             raise LineError(
-                "its last number rises from line to line, its first does not",
+                LineProblem.LAST_RISES.reason(),
                 [OptionChange({"time": "", "last": "ignore"}, "")],
-                "leave out the last instead: last=ignore",
             )
         if rising == "first" and self.form.last and not is_timed:
             raise LineError(
-                "its first number rises from line to line, its last does not",
+                LineProblem.FIRST_RISES.reason(),
                 [OptionChange({**one.options, "last": ""}, "") for one in TIME_CHANGES],
-                "leave out the first instead: time=ignore, or its unit",
             )
 
     def join_rows(self, numbers: list[float], ends: bool) -> list[float]:
@@ -437,11 +432,7 @@ class MatrixLine:
         if is_first and len(numbers) < self.cells:
             return []
         if numbers and (not ends or len(numbers) != self.cells):
-            raise LineError(
-                f"it is one of rows, without a line without numbers after each {rows} "
-                "of them",
-                remedy="send an empty line, or a word, after all rows",
-            )
+            raise LineError(LineProblem.ROWS_WITHOUT_END.reason(rows=rows))
         if self.form.last and self.form.time != "ignore":
             self.check_row_numbers(numbers, 0, {"time": "ignore", "last": ""})
         elif self.form.time == "ignore" and not self.form.last:
@@ -464,20 +455,22 @@ class MatrixLine:
         column = numbers[end % self.place.columns :: self.place.columns]
         counted = [[*range(n, n + self.place.rows)] for n in (0, 1)]
         if self.place.rows >= MIN_ROWS and column in counted:
-            raise LineError("its rows hold their numbers", [OptionChange(options, "")])
+            reason = LineProblem.NUMBERED_ROWS.reason()
+            raise LineError(reason, [OptionChange(options, "")])
 
     def take_time(self, numbers: list[float]) -> int | None:
         """Take the time from the numbers of a line; return it [us], modulo 2**32."""
         time = numbers.pop(0)
         found = self.first_number.unit
         if not np.isfinite(time):
-            raise LineError("its time is missing", remedy="send it with all lines")
+            raise LineError(LineProblem.WITHOUT_TIME.reason())
         if found not in (None, self.unit):
-            why = f"is in {found}, not" if found else "does not go on in"
-            changes = [OptionChange({"time": found}, "")]
             if not found:
+                reason = LineProblem.TIME_OF_NO_UNIT.reason(unit=self.unit)
                 changes = [TIME_CHANGES[-1], OptionChange({"time": ""}, "")]
-            raise LineError(f"its time {why} {self.unit}", changes)
+                raise LineError(reason, changes)
+            reason = LineProblem.TIME_OF_OTHER_UNIT.reason(found=found, unit=self.unit)
+            raise LineError(reason, [OptionChange({"time": found}, "")])
         return round(time * UNITS[self.unit]) % DEVICE_TIME_SPAN
 
     def check_size(self, size: int, is_timed: bool, is_object: bool) -> None:
@@ -486,24 +479,24 @@ class MatrixLine:
         if size not in self.sizes:
             counts = (*self.sizes, self.place.columns)
             is_more = size - 1 in counts or size - 2 in counts
-            raise LineError(
-                f"it has {size} numbers",
-                self.list_ends(is_timed) if is_more else (),
-                "send a line a scan, or a line without numbers after all rows",
-            )
+            changes = self.list_ends(is_timed) if is_more else ()
+            raise LineError(LineProblem.WRONG_COUNT.reason(count=size), changes)
         is_either = size == self.cells == self.taxels + 1 and not self.form.last
         is_known = is_timed or is_object or self.form.time
         if not is_known and (is_either or found):
-            why = f"its first number may be a time{f' in {found}' if found else ''}"
-            if size - 1 not in self.sizes:
-                why += f", which leaves {size - 1} counts"
+            reason = LineProblem.MAY_BE_TIME.reason(count=size - 1)
+            if found:
+                reason = LineProblem.MAY_BE_TIME_OF_UNIT.reason(
+                    unit=found, count=size - 1
+                )
             none = OptionChange({"time": "none"}, "if all are counts of cells")
-            raise LineError(why, [*self.list_ends(is_timed), none])
+            raise LineError(reason, [*self.list_ends(is_timed), none])
         # A line that has lost a separator may have the number of the other form.
         known = self.size == self.last_size == 0 or size in (self.size, self.last_size)
         self.last_size = size
         if not known:
-            raise LineError(f"it has {size} numbers, others had {self.size}")
+            reason = LineProblem.OTHER_COUNT.reason(count=size, others=self.size)
+            raise LineError(reason)
         self.size = size
 
     def list_ends(self, is_timed: bool) -> list[OptionChange]:
@@ -522,17 +515,16 @@ class MatrixLine:
         """Return the counts of numbers, and which are not missing."""
         values = np.array(numbers)
         if np.isinf(values).any():
-            raise LineError("not all of it is numbers")
+            raise LineError(LineProblem.NOT_NUMBERS.reason())
         if len(values) > 2 and (values == values[0] + np.arange(len(values))).all():
             if values[0] in (0, 1):
-                why = "its numbers are those of the cells"
-                raise LineError(why, remedy="send counts")
+                raise LineError(LineProblem.CELL_NUMBERS.reason())
         received = ~(np.isnan(values) | (values == self.missing))
         values = np.where(received, values, 0)
         if not self.form.scale and values.max() < MIN_FRACTIONS:
             if (values % 1).any():
                 raise LineError(
-                    f"its numbers are fractions below {MIN_FRACTIONS}",
+                    LineProblem.FRACTIONS.reason(limit=MIN_FRACTIONS),
                     [
                         OptionChange({"scale": "1000"}, "to keep three decimals"),
                         OptionChange({"scale": "1"}, "to round them"),
@@ -546,7 +538,7 @@ class MatrixLine:
                 changes = list_negative(values)
             elif (scaled > MAX_COUNT).sum() > 1:
                 changes = [OptionChange({"scale": "0.01"}, "or with another scale")]
-            raise LineError(f"count {worst:g} is out of range", changes)
+            raise LineError(LineProblem.OUT_OF_RANGE.reason(count=worst), changes)
         if len(values) != self.taxels:
             scaled = scaled[self.places]
             received = received[self.places]
@@ -574,7 +566,8 @@ class MatrixLine:
         sizes = " or ".join(map(str, sorted(set(self.sizes))))
         return (
             f"'{text if text.isprintable() else ascii(text)[1:-1]}"
-            f"{'...' if len(line) > 48 else ''}' at {self.form.path}: {error.why}; "
+            f"{'...' if len(line) > 48 else ''}' at {self.form.path}: "
+            f"{error.reason.what}; "
             f"allowed are {sizes} counts a line of patch '{self.place.id}' from 0 to "
             f"{MAX_COUNT}; {self.find_remedy(error)}"
         )
@@ -587,18 +580,18 @@ class MatrixLine:
         """
         is_read = self.counts["samples"] > self.reported + self.refused
         if self.is_running or is_read:
-            return error.remedy or "check cable, baud rate and what is sent"
+            return error.reason.remedy
         now = self.kept[-1][0] if self.kept else 0
         if self.searched_at is None or now - self.searched_at >= REPORT_INTERVAL:
             self.searched_at = now
             lines = [line for _, line in self.kept]
             labels = list_labels(lines, self.place.columns, min(self.sizes))
             found = find_readable(self.form, self.try_form, labels)
-            self.advice = error.why, describe_forms(found)
-        why, advice = self.advice
-        if advice and why == error.why:
-            return advice
-        return error.remedy or "check cable, baud rate and what is sent"
+            self.advised = error.reason
+            self.advice = describe_forms(found)
+        if self.advice and self.advised == error.reason:
+            return self.advice
+        return error.reason.remedy
 
     def try_form(self, form: LineForm) -> list[LineError]:
         """Read the lines that have come by another form; return why some are refused.
@@ -614,7 +607,7 @@ class MatrixLine:
                 errors.append(trial.unread[1])
             trial.refused = 0
         if not errors and not trial.counts["samples"]:
-            _, error = trial.unread or (b"", LineError("it is no scan"))
+            _, error = trial.unread or (b"", LineError(LineProblem.NO_SCAN.reason()))
             errors.append(error)
         return errors
 

@@ -15,10 +15,9 @@ import numpy as np
 from eskin.drivers.csv_lines import (
     HEXADECIMAL_CHANGES,
     UNITS,
-    LineError,
-    OptionChange,
     find_hexadecimal,
 )
+from eskin.drivers.csv_problems import LineError, LineProblem, OptionChange
 from eskin.drivers.sampled_source import MAX_HELD
 from eskin.units import NS_PER_S
 
@@ -204,8 +203,7 @@ class BaseTest:
         """
         self.lettered.append(False)
         if sum(self.lettered) >= MIN_LETTERED:
-            why = "its numbers are hexadecimal, as others had digits of A to F"
-            raise LineError(why, HEXADECIMAL_CHANGES)
+            raise LineError(LineProblem.HEXADECIMAL.reason(), HEXADECIMAL_CHANGES)
         if self.is_decimal:
             return
         self.tens |= {word[:-1] for word in words}
@@ -214,11 +212,10 @@ class BaseTest:
         is_one = len(self.tens) == 1 and ten.isdigit() and len(ten) + 1 >= MIN_WIDTH
         self.is_decimal = not is_one
         if is_one and len(self.digits) > 1:
-            raise LineError(
-                f"its numbers may be hexadecimal: all have {len(ten) + 1} digits and "
-                f"begin with {ten.decode()}",
-                BASES,
+            reason = LineProblem.MAY_BE_HEXADECIMAL.reason(
+                digits=len(ten) + 1, begin=ten.decode()
             )
+            raise LineError(reason, BASES)
 
 
 def check_powers(words: Sequence[bytes]) -> None:
@@ -226,4 +223,4 @@ def check_powers(words: Sequence[bytes]) -> None:
     power = POWER.search(b" ".join(words))
     if power is not None:
         text = power.group().decode()
-        raise LineError(f"'{text}' may be hexadecimal", BASES)
+        raise LineError(LineProblem.POWER_OR_HEXADECIMAL.reason(text=text), BASES)

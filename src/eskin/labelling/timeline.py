@@ -299,7 +299,8 @@ class Timeline:
         gui = self.server.gui
         self.legend = gui.add_html("")
         self.gesture = gui.add_text("gesture", "", hint="any name of a gesture")
-        ends = gui.add_button_group("range here", ("begin (I)", "end (O)"))
+        keys: dict[str, Key] = {"begin (I)": "I", "end (O)": "O"}
+        ends = gui.add_button_group("range here", tuple(keys))
         change = gui.add_button_group("range", ("label", "remove", "undo"))
         save = gui.add_button("save", icon=Icon.DEVICE_FLOPPY)
         gui.add_html(html.render_notice(HELP))
@@ -308,7 +309,7 @@ class Timeline:
             "remove": self.remove,
             "undo": self.undo,
         }
-        obey(ends.on_click, lambda text: self.press("I" if "(I)" in text else "O"))
+        obey(ends.on_click, lambda text: self.press(keys[text]))
         obey(change.on_click, lambda text: self.attempt(acts[text]))
         # In a thread, since it takes a while.
         save.on_click(lambda event: self.press("S"))

@@ -54,14 +54,16 @@ def read_tactile_urdf(path: Path, name: str) -> Skin:
     data = read_source(path, MAX_URDF_BYTES)
     try:
         root = parse_xml(data, path)
+    except RobotError as error:
+        raise SkinError(str(error)) from None
+    try:
         parts = [
             read_tactile_sensor(sensor, tactile)
             for sensor in root.findall("sensor")
             if (tactile := find_optional(sensor, "tactile", "a <sensor>")) is not None
         ]
     except RobotError as error:
-        text = str(error)
-        raise SkinError(text if str(path) in text else f"{path}: {text}") from None
+        raise SkinError(f"{path}: {error}") from None
     if not parts:
         raise SkinError(
             f"{path} has no <sensor> with <tactile>; allowed is one or more"
