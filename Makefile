@@ -70,12 +70,7 @@ validate: $(READY)
 
 # Readers against mutated inputs, the short form.
 fuzz: $(READY)
-	$(BIN)/python -m lab.fuzz decoder --inputs 300000
-	$(BIN)/python -m lab.fuzz skin --inputs 4000
-	$(BIN)/python -m lab.fuzz recording --inputs 5000
-	$(BIN)/python -m lab.fuzz commands --inputs 4000
-	$(BIN)/python -m lab.fuzz model --inputs 2000
-	$(BIN)/python -m lab.fuzz urdf --inputs 2000
+	$(BIN)/python -m lab.results run fuzz --sets "$(SETS)"
 
 # Faults, forgeries, delays and hostile files: an hour on two cores.
 attack: $(READY)

@@ -326,7 +326,18 @@ PAGE = (
         "Faults and attacks",
         ("python -m lab.attacks files", "python -m lab.attacks claims"),
     ),
-    Part("fuzz", "Faults and attacks", ("python -m lab.fuzz decoder",)),
+    Part(
+        "fuzz",
+        "Faults and attacks",
+        (
+            "python -m lab.fuzz decoder --inputs 300000",
+            "python -m lab.fuzz skin --inputs 4000",
+            "python -m lab.fuzz recording --inputs 5000",
+            "python -m lab.fuzz commands --inputs 4000",
+            "python -m lab.fuzz model --inputs 2000",
+            "python -m lab.fuzz urdf --inputs 2000",
+        ),
+    ),
     Part(
         "crush",
         "Faults and attacks",
@@ -519,8 +530,8 @@ def find_folder(sets: Path, part: Part) -> Path:
 def run_command(argv: Sequence[str], timeout: float) -> str:
     """Run a command from the root of the clone; return what it prints.
 
-    Its errors and its progress go to the terminal. Ctrl-C ends it, and with it all
-    processes that it has started.
+    Its errors and its progress go to the terminal, and where it fails, what it printed,
+    too. Ctrl-C ends it, and with it all processes that it has started.
 
     Args:
         argv: its words.
@@ -550,6 +561,7 @@ def run_command(argv: Sequence[str], timeout: float) -> str:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGTERM)
     if process.returncode != 0:
+        print(output, flush=True)
         last = (output.strip().splitlines() or ["nothing"])[-1]
         raise PartError(
             f"'{shlex.join(argv)}' ended with {process.returncode}, and printed last: "
@@ -598,6 +610,9 @@ def run_part(part: Part, command: ResultsCommand, commit: str, end: float) -> No
         outputs[words] = KeptOutput(words, commit, date, seconds, printed)
         write_outputs(sets, part, outputs)
         print(printed, flush=True)
+    print(
+        f"{part.name} is measured at commit {commit}, kept in {find_file(sets, part)}"
+    )
 
 
 def list_parts(parts: Sequence[Part], sets: Path, commit: str) -> Iterator[str]:

@@ -148,11 +148,14 @@ def test_output_of_another_commit_is_measured_again(
 
 
 def test_command_that_fails_is_not_kept(tmp_path, part, monkeypatch, capsys):
-    bad = replace(part, commands=(*part.commands[:1], 'python -c "1 / 0"'))
+    code = "print('a finding'); print('1 of 9'); exit(1)"
+    bad = replace(part, commands=(*part.commands[:1], f'python -c "{code}"'))
     monkeypatch.setattr(results, "PAGE", (bad,))
     monkeypatch.setattr(results, "PARTS", {"short": bad})
     assert run(tmp_path) == 2
-    assert "ended with 1" in capsys.readouterr().err.splitlines()[-1]
+    out, err = capsys.readouterr()
+    assert "a finding" in out
+    assert "ended with 1, and printed last: 1 of 9" in err.splitlines()[-1]
     assert len(results.read_outputs(tmp_path / "my sets", bad)) == 1
 
 
