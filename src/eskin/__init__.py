@@ -98,5 +98,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return what is public, whether or not it has been imported."""
+    """Return the public names, whether or not they have been imported."""
     return [*__all__, *LEARNING, "__version__"]

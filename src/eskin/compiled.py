@@ -245,7 +245,7 @@ def digest_code(module: str) -> str:
 
 
 def imported_modules(module: str) -> set[str]:
-    """Return a module and those of its package and of eskin that it imports."""
+    """Return a module, and the modules of its package and of eskin that it imports."""
     packages = {"eskin", module.split(".", 1)[0]}
     found = set()
     waiting = [module]

@@ -48,7 +48,7 @@ PARTS: dict[Any, tuple[str, ...]] = {
     JITCodeLibrary: ("_get_module_for_linking", "finalize", "has_dynamic_globals"),
     TargetConfig: ("options", "values"),
 }
-"""What is used of numba, beside what the imports name."""
+"""Parts of numba that are used, beside what the imports name."""
 
 
 def check_numba() -> None:

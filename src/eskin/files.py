@@ -63,7 +63,7 @@ def open_file(path: Path, max_bytes: int) -> BinaryIO:
 
 
 def check_status(status: os.stat_result, max_bytes: int) -> None:
-    """Raise unless a status is that of a regular file of at most a size [bytes]."""
+    """Raise unless a status is of a regular file of at most a size [bytes]."""
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
@@ -77,7 +77,7 @@ def check_status(status: os.stat_result, max_bytes: int) -> None:
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
-    """Read a regular file whole; arguments and errors are those of `open_file`."""
+    """Read a regular file whole; arguments and errors are as of `open_file`."""
     with open_file(path, max_bytes) as file:
         # Never beyond the size: files of the kernel have none, and may not end.
         return file.read(os.fstat(file.fileno()).st_size)

@@ -20,7 +20,7 @@ def show_progress(
     """Show on stderr how much is done; yield a function of the number that is done.
 
     Args:
-        what: what is counted, such as `clips`.
+        what: noun of the things that are counted, such as `clips`.
         total: number of all; None where it is not known.
         done: number that is done at the beginning.
         quiet: whether to show nothing.
@@ -63,7 +63,7 @@ def print_progress(
     A thread prints the lines, so that one comes while the first or the next takes long.
 
     Args:
-        what: what is counted.
+        what: noun of the things that are counted.
         total: number of all; None where it is not known.
         begun: number that is done at the beginning.
     """
@@ -94,7 +94,7 @@ def describe_progress(
     """Describe how much is done, and how long the rest will take where that is known.
 
     Args:
-        what: what is counted.
+        what: noun of the things that are counted.
         done: number that is done.
         total: number of all; None where it is not known.
         begun: number that was done at the beginning.

@@ -215,7 +215,7 @@ def find_plugins(group: str) -> dict[str, EntryPoint]:
             )
     if not found:
         raise EskinError(
-            f"no entry point of {group} is installed, not even those of eskin; allowed "
+            f"no entry point of {group} is installed, not even of eskin; allowed "
             f"is an eskin installed as it is now; install it again: {advise_install()}"
         )
     return found

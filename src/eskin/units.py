@@ -12,7 +12,7 @@ def seconds_between(start: int, end: int) -> float:
 
     Args:
         start: the stamp of one instant [ns].
-        end: that of another [ns].
+        end: stamp of another [ns].
     """
     return (end - start) / NS_PER_S
 
@@ -33,7 +33,7 @@ def format_index(noun: str, index: int, count: int) -> str:
     """Return an index from 0 with its range, such as `row 5 of 0 to 15`.
 
     Args:
-        noun: what is counted.
+        noun: noun of the things that are counted.
         index: the number of one of them.
         count: how many there are.
     """

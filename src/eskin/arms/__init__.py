@@ -1,4 +1,4 @@
-"""This package holds arms that work on a task: simulated ones, and those of UR.
+"""This package holds arms that work on a task: simulated arms, and arms of UR.
 
 The names below are imported when they are first used: the process that connects to a
 robot imports `eskin.arms.ur` alone, so that it starts quickly.

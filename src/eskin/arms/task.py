@@ -31,7 +31,7 @@ class Waypoint:
     """A waypoint is a place at which the arm stops on its way."""
 
     name: str
-    """Name, unlike that of every other waypoint of the task."""
+    """Name, which no other waypoint of the task has."""
 
     q: tuple[float, ...]
     """Joint positions [rad]."""
@@ -61,7 +61,7 @@ class Task:
     """Waypoints in the order in which they are visited; the arm starts at the first."""
 
     part: str = "part"
-    """What is carried."""
+    """The thing that is carried."""
 
     tool: str = "tool0"
     """Link that a jog moves."""
@@ -306,7 +306,7 @@ class TaskExecutor:
         self.gripping = None
 
     def handle_arrival(self) -> None:
-        """Do what is done at this waypoint, then go on."""
+        """Do the action of this waypoint, then go on."""
         purpose = self.waypoint.purpose
         closed = self.gripper == "closed"
         if purpose == "take" and not self.carrying:

@@ -220,7 +220,7 @@ class RtdeController:
         self.last_answer = monotonic()
 
     def execute(self, command: UrCommand) -> None:
-        """Send a command; without a running program, that of the question alone."""
+        """Send a command; without a running program, only a question's command."""
         if command.question_shown is not None:
             self.show_question(command.question_shown)
         if not self.control.isProgramRunning():

@@ -120,7 +120,7 @@ class DescriptionSender(websocket.ServerListener):
         self.bus = bus
 
     def on_subscribe(self, client: Any, channel: Any) -> None:  # noqa: ANN401
-        """Send the description if the channel is that of the description."""
+        """Send the description if the channel is for it."""
         if channel.topic == ROBOT_DESCRIPTION.name:
             self.bus.send_description(getattr(client, "sink_id", None))
 

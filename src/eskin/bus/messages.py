@@ -1,4 +1,4 @@
-"""This module encodes what is published live beside the topics of a recording."""
+"""This module encodes live messages beside the topics of a recording."""
 
 import hashlib
 import json
@@ -257,7 +257,7 @@ TEXT = 9
 NO_POINTS = np.zeros((0, 3))
 NO_COLOURS = np.zeros((0, 3), np.uint8)
 ADD = 0
-"""Action of a marker that is added, or replaces that of its namespace and number."""
+"""Action of a marker that is new, or replaces one of its namespace and number."""
 
 
 @dataclass(frozen=True)

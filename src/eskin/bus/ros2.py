@@ -138,7 +138,7 @@ def sort_by_use(types: Types) -> list[tuple[str, tuple[MessageField, ...]]]:
 
 
 def find_type(field: MessageField, built: dict[str, Any]) -> Any:  # noqa: ANN401
-    """Return the type of a field, given those of the messages that it may hold."""
+    """Return the type of a field, given the types of messages that it may hold."""
     kind = built.get(field.type_name) or getattr(types, field.type_name)
     return types.sequence[kind] if field.is_sequence else kind
 
@@ -266,7 +266,7 @@ class Ros2Joints(JointSource, Closing):
         """Return the joint positions at a time [rad].
 
         Raises:
-            JointsError: those of a joint that were received are more than 0.1 s away.
+            JointsError: the received positions of a joint are over 0.1 s away.
         """
         with self.lock:
             return self.received.q_at(stamp)

@@ -53,7 +53,7 @@ class FingertipPress:
 
 @dataclass(frozen=True)
 class GainPrior:
-    """What is known before any press. Deviations are those of natural logarithms."""
+    """Assumptions before any press. Deviations are of natural logarithms."""
 
     device: float = 0.4
     """Standard deviation of the gain of a whole skin from its data sheet."""
@@ -61,7 +61,7 @@ class GainPrior:
     """Standard deviation of the gain of a patch from that of the skin, where what its
     own exponent and activation change counts as gain."""
     taxel: float = 0.35
-    """Standard deviation of the gain of a taxel from that of its patch."""
+    """Standard deviation of the gain of a taxel from the gain of its patch."""
     exponent: float = 0.12
     """Standard deviation of the exponent of a whole skin."""
     unfelt: float = 0.7
@@ -257,7 +257,7 @@ class PressProblem:
     def compute_residuals(
         self, trial: Float[np.ndarray, "size"]
     ) -> Float[np.ndarray, "residual"]:
-        """Return the residuals of the presses, then those of the prior."""
+        """Return the residuals of the presses, then of the prior."""
         mean = self.predict(trial)[0]
         return np.concatenate([(self.shown - mean) / self.deviation, trial])
 

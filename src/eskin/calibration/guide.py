@@ -166,7 +166,7 @@ class PressGuide(ABC, Generic[Press]):
     Attributes:
         mounted: the skin on its robot.
         assumed: calibration with which presses are felt; its way is that of the counts.
-        phase: what is measured now.
+        phase: the measurement that goes on.
         presses: presses so far.
         rest_seconds: time without touch that is asked for first [s].
         state: contacts and pressures at the latest scan; None before the first.
@@ -387,7 +387,7 @@ class GuideConfig:
     """Forces of the presses of a patch, one after the other and again [N]; empty where
     they are not known."""
     is_scale_known: bool = False
-    """Whether the calibration's full scale is known to be that of the converter."""
+    """Whether the calibration's full scale is known to be the converter's."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,7 @@ class Range:
         return is_above and value <= self.high and (value < math.inf or self.allows_inf)
 
     def __str__(self) -> str:
-        """Return what is allowed, as messages say it."""
+        """Return the allowed values, as messages say them."""
         is_bounded = self.high < math.inf
         kind = "numbers" if is_bounded or self.allows_inf else "finite numbers"
         low = f"{'above' if self.is_open else 'from'} {self.low:g}"
@@ -147,7 +147,7 @@ def check_files(words: Sequence[str]) -> None:
 
 
 def check_yaml(path: Path) -> None:
-    """Raise if a file is no plain YAML; what is in it is checked by its reader."""
+    """Raise if a file is no plain YAML; its reader checks the content."""
     from eskin.files import MAX_YAML_BYTES, load_plain_yaml
 
     try:

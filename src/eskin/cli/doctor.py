@@ -100,7 +100,7 @@ def run_checks() -> Iterator[Check]:
 
 
 def check_plugins(group: str) -> Check:
-    """List the entry points of a group; load those of other packages than eskin."""
+    """List the entry points of a group; load the ones of other packages than eskin."""
     found = []
     ok = True
     for name, entry in find_plugins(group).items():
@@ -166,7 +166,7 @@ def check_patch(patch: str, rate: float, age: float, info: SourceInfo) -> Check:
 
 
 def list_versions(packages: tuple[str, ...]) -> Iterator[str]:
-    """Yield those of the packages that are installed, with their versions."""
+    """Yield the installed ones of the packages, with their versions."""
     for package in packages:
         try:
             yield f"{package} {importlib.metadata.version(package)}"

@@ -18,7 +18,7 @@ NOUNS = {
     "episodes": "episode",
     "frames": "frame",
 }
-"""Names of one of what is written, by the keys of the result."""
+"""Singular names of the written items, by the keys of the result."""
 FREE = ("sources", "to")
 """Fields of the command that name no format."""
 

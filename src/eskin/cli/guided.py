@@ -30,7 +30,7 @@ PATIENCE = 10.0
 WAIT_SECONDS = 10.0
 """Time after which a person who is waited for is told what was felt last [s]."""
 APART = 0.5
-"""Time without contact after which what is felt is something else [s]."""
+"""Time without contact after which contact is another touch [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,7 +250,7 @@ def open_guided_source(
     to touch it does not wait.
 
     Args:
-        command: what is opened.
+        command: command with the options of the source and the skin.
         stack: what closes it.
 
     Returns:
@@ -390,7 +390,7 @@ def guide_person(
 
     Args:
         scans: scans of the skin.
-        dialogue: what is said of the guide.
+        dialogue: the guide, with the texts that it says.
         wait: longest time to wait for rest and for each press [s]; infinite for a
             recording, which nobody can be asked for presses.
         page: page that shows the same as the terminal; None without a page.

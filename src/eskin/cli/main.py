@@ -147,7 +147,7 @@ def run_command(name: str, rest: list[str]) -> None:
 
 
 def drop_output() -> None:
-    """Drop what is still to be printed: its reader, such as `head`, has closed it."""
+    """Drop output still to be printed: its reader, such as `head`, has closed it."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -168,7 +168,7 @@ def insert_description(command: type) -> Iterator[None]:
 
 
 def list_options(command: type, group: str = "") -> list[str]:
-    """Return the options of a command, those of groups with their group."""
+    """Return the options of a command, options of groups with their group."""
     found = []
     for each in fields(command):
         name = group + each.name.replace("_", "-")

@@ -1,7 +1,7 @@
 """This module rewrites the errors of tyro, which parses the arguments of commands.
 
 tyro draws boxes, and speaks of types of Python. What it says is reduced to one line
-that names the option, what was given, what is allowed and what to do.
+that names the option, the given and the allowed values, and what to do.
 """
 
 import re
@@ -130,4 +130,4 @@ REWRITTEN: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     ),
     (r"Error parsing (?P<group>[a-z]\S*): (?P<text>.*)", describe_setting),
 )
-"""Patterns of what tyro says, and what is said instead."""
+"""Patterns of messages of tyro, and the messages instead."""

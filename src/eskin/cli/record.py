@@ -37,7 +37,7 @@ MAX_GESTURES = 50
 MAX_TIMES = 1000
 KEYS = "a: again, the last one was wrong; s: skip the gesture; q: finish (then Enter)"
 WITHOUT_KEYS = "Ctrl-C finishes, and keeps what was made"
-"""What is said in place of the keys where nobody can type them."""
+"""Text in place of the keys where nobody can type them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class RecordCommand(GuidedCommand):
     """Path of the recording to write (.mcap), a new one."""
 
     gestures: tuple[str, ...]
-    """Names of the gestures, best with `none` among them: what is no gesture."""
+    """Names of the gestures, best with `none` among them, for no gesture."""
 
     times: int = 10
     """Number of times that each is asked for, in turns."""
@@ -257,7 +257,7 @@ def describe_event(event: "AttemptEvent") -> str:
 
 
 def describe_review(review: "AttemptReview", command: RecordCommand) -> list[str]:
-    """Describe what was recorded, and what is missing, in lines."""
+    """Describe what was recorded and what misses, in lines."""
     counts = ", ".join(f"{count} of {name}" for name, count in review.counts.items())
     total = sum(review.counts.values())
     lines = [

@@ -106,7 +106,7 @@ def check_replay_copy(recording: "Recording", copy: Path) -> None:
 
 
 def print_header(recording: "Recording") -> None:
-    """Print what is replayed, and the column titles."""
+    """Print which recording is replayed, and the column titles."""
     print(
         f"{recording.path}: {format_count(recording.count, 'reading')} in "
         f"{recording.seconds:.1f} s"

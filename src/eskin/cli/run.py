@@ -184,7 +184,7 @@ def run(command: RunCommand) -> dict[str, object]:
 
 
 def choose_drop_policy(command: RunCommand) -> "Drop":
-    """Choose what is dropped when scans come faster than they are recognised.
+    """Choose which scans are dropped when they come faster than they are recognised.
 
     A recording that is read as fast as possible waits; a live source does not.
     """
@@ -274,7 +274,7 @@ def describe_ways() -> str:
 
 
 def find_outputs(ways: tuple[str, ...]) -> dict[str, int]:
-    """Return those of the ways to ask that name an output, with its number."""
+    """Return the ways to ask that name an output, with its number."""
     numbers = {way: way.removeprefix(OUTPUT) for way in ways if OUTPUT in way}
     return {way: int(text) for way, text in numbers.items() if text.isdecimal()}
 
@@ -323,7 +323,7 @@ def describe_doubts(command: RunCommand, calibration: "Calibration") -> tuple[st
             "joint positions of /joint_states: who can publish it can misplace touches"
         )
     if command.robot is not None and command.allow_simulated_touch:
-        doubts.append("simulated: touches are not those of a person")
+        doubts.append("simulated: no person touches")
     if driver.is_device and calibration.source == "nominal":
         doubts.append(
             "not calibrated: forces are relative, by a nominal curve up to "

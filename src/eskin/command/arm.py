@@ -195,10 +195,10 @@ class ArmJoints(JointSource):
     """
 
     def __init__(self, arm: Arm, robot: Robot) -> None:
-        """Match the joints of an arm with those of a robot.
+        """Match the joints of an arm with the joints of a robot.
 
         Raises:
-            ArmError: The names do not tell which joints are those of the arm.
+            ArmError: The names do not tell which joints are the arm's.
         """
         self.arm = arm
         names = robot.joint_names
@@ -229,7 +229,7 @@ class ArmJoints(JointSource):
         """Return the joint positions of the robot at a time [rad].
 
         Raises:
-            JointsError: those of the arm are not known at that time.
+            JointsError: the arm's positions are not known at that time.
         """
         try:
             return self.place(self.arm.q_at(stamp))
@@ -237,7 +237,7 @@ class ArmJoints(JointSource):
             raise JointsError(str(error), self.place(error.q)) from error
 
     def place(self, q: Float[np.ndarray, "own"]) -> Float[np.ndarray, "joint"]:
-        """Return the positions of the robot's joints by those of the arm [rad]."""
+        """Return the positions of the robot's joints by the arm's positions [rad]."""
         placed = self.rest.copy()
         placed[self.places] = q[self.sources]
         return placed

@@ -166,7 +166,7 @@ class CommandMap(BaseModel):
     def require_confidence(self, rule: Rule, action: str) -> float:
         """Return the confidence that a plain action of a rule needs.
 
-        It is that of the rule, if it gives one.
+        A rule may have one of its own.
         """
         if rule.confidence is not None:
             return rule.confidence
@@ -259,7 +259,7 @@ class CommandMap(BaseModel):
 
 
 def find_rule_problems(rule: Rule, answer: str) -> list[str]:
-    """Return what is wrong with a rule by itself.
+    """Return the mistakes of a rule by itself.
 
     Args:
         rule: the rule.

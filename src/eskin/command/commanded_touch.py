@@ -25,7 +25,7 @@ at up to a fifth of it."""
 
 @dataclass(eq=False)
 class CommandedTouch:
-    """A commanded touch is what is known of a touch, and what it has commanded."""
+    """A commanded touch is a touch with all that it has commanded."""
 
     id: int
     """Id of the touch."""
@@ -159,7 +159,7 @@ class CommandedTouch:
     def find_excess(self, config: SkinMonitorConfig) -> Reason | None:
         """Return in what it exceeds the limits of force now; None within them.
 
-        They are those of every touch, recognised or not.
+        Every touch has them, recognised or not.
         """
         grown = config.max_growth * max(self.detected_force, config.least_force)
         filled = config.max_growth * max(self.detected_area, config.least_full_area)
@@ -177,7 +177,7 @@ class CommandedTouch:
         return not self.lasts and self.duration > config.pause_seconds
 
     def merge(self, heir: "CommandedTouch") -> None:
-        """Let the touch that it merges into inherit what is known of it."""
+        """Let the touch that it merges into inherit its record."""
         heir.decided |= self.decided
         heir.excess = heir.excess or self.excess
         heir.light_since = max(heir.light_since, self.light_since)

@@ -174,7 +174,7 @@ class Policy(Listener):
         if rate * max_age < 2:
             raise ArmError(
                 f"the skin gives {rate:.3g} readings a second; allowed are "
-                f"{2 / max_age:g} or more, so that what is old is noticed; run it "
+                f"{2 / max_age:g} or more, so that old data is noticed; run it "
                 "without an arm"
             )
         self.context = context
@@ -347,7 +347,7 @@ class Policy(Listener):
         )
 
     def needs_answer(self, request: CommandRequest) -> bool:
-        """Return whether the arm asks before it does what is asked for."""
+        """Return whether the arm asks before it does the requested action."""
         if request.action == "jog" and self.context.clock.now() < self.jogs_until:
             return False
         return self.commands.needs_answer(request.rule, request.action)

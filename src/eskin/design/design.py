@@ -79,7 +79,7 @@ def design_skin(robot: Robot, spec: DesignSpec, seed: int = 0) -> SkinDesign:
 
     Args:
         robot: the robot.
-        spec: what is asked for.
+        spec: the specification.
         seed: seed of the random choices.
 
     Raises:

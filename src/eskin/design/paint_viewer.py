@@ -128,7 +128,7 @@ class PaintViewer:
         return found
 
     def show(self) -> None:
-        """Show what is painted."""
+        """Show the painted regions."""
         painted, kept_out = self.find_painted()
         area = 1e4 * float(self.mounted.skin.areas[painted & ~kept_out].sum())
         strokes = len({ball.stroke for ball in self.balls})

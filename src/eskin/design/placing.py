@@ -38,7 +38,7 @@ PLACES = 24
 GOOD = 0.01
 """Relative error of distances below which no better place is looked for."""
 DETOUR = 2.2
-"""Largest length of a path over the middles of triangles over that of the shortest."""
+"""Largest ratio of a path over the middles of triangles to the shortest path."""
 MAX_LEAN = -0.64
 """Least cosine of a normal with that at the middle, where what lies all round cannot be
 unrolled."""
@@ -92,7 +92,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A site is the surface of a link, with what is known before a matrix is laid."""
+    """A site is the surface of a link, prepared before a matrix is laid."""
 
     surface: LinkSurface
     """Surface of small triangles."""

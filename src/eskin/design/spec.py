@@ -49,7 +49,7 @@ class DesignLimits:
     poses: int = 256
     """Number of combined poses, of all joints at once, in which it is checked too."""
     clears_poses: bool = False
-    """Whether what is nearer in a combined pose is left out, or only reported."""
+    """Whether taxels nearer in a combined pose are left out, or only reported."""
     min_exposure: float = 0.35
     """Smallest fraction of the directions from which a place can be touched."""
     max_bend: float = 0.7
@@ -187,7 +187,7 @@ def read_spec(
 
 
 def read_spec_file(path: Path) -> SpecFile:
-    """Read the entries of a YAML file; errors are those of `read_spec`."""
+    """Read the entries of a YAML file; errors are as of `read_spec`."""
     try:
         data = load_plain_yaml(read_file(path, MAX_YAML_BYTES).decode())
         return SpecFile.model_validate(data)

@@ -138,7 +138,7 @@ def build_link_surface(link: Link, max_edge: float | None = None) -> LinkSurface
 
     Args:
         link: the link.
-        max_edge: approximate length of the edges [m]; None for those of the shapes.
+        max_edge: approximate length of the edges [m]; None for the shapes' own.
 
     Raises:
         RobotError: The link has no shape, none that encloses a volume, or one that is
@@ -153,7 +153,7 @@ def build_two_surfaces(
 ) -> tuple[LinkSurface, LinkSurface | None]:
     """Build the surface of a link, and the same one of small triangles.
 
-    Other arguments and errors are those of `build_link_surface`.
+    Other arguments and errors are as in `build_link_surface`.
 
     Args:
         link: the link.

@@ -280,7 +280,7 @@ def iterate_combined_poses(
 ) -> Iterator[RelativePose]:
     """Yield the poses of pairs of links in poses of all joints at once.
 
-    Links that a single joint connects are left out: their pose is that of a sweep.
+    Links that a single joint connects are left out: a sweep has their pose.
     """
     index = {name: robot.link_index(name) for name in links}
     groups = group_rigid_links(robot)

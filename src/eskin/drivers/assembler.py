@@ -262,7 +262,7 @@ class Assembler:
         return [self.build_scan(stamp, period) for stamp, period in periods]
 
     def build_scan(self, stamp: int, period: PeriodScans) -> Scan:
-        """Build the scan of a period and drop what is too late for it."""
+        """Build the scan of a period and drop packets that are too late for it."""
         self.emitted += 1
         for stream in self.streams.values():
             if stream.partial:

@@ -357,7 +357,7 @@ class DeviceClock:
     def matches(self, device_time: int, arrived: int) -> bool:
         """Return whether a packet fits the accepted clock.
 
-        The arguments are those of `find_scan_time`.
+        The arguments are as for `find_scan_time`.
         """
         epoch = self.epoch
         if epoch is None:

@@ -69,7 +69,7 @@ class LineForm:
     last: str = ""
     """`ignore` leaves the last number of a line out."""
     decimal: str = ""
-    """What is before the decimals of a number: `comma` or `point`."""
+    """Mark before the decimals of a number: `comma` or `point`."""
     base: str = ""
     """Base of the numbers: 10 or 16."""
     label: str = ""
@@ -234,7 +234,7 @@ def read_json(body: bytes, unit: str, sizes: Sequence[int]) -> list[float]:
 
 
 def find_time(names: Iterable[str], unit: str) -> str:
-    """Return which of the names of numbers is that of the time.
+    """Return which of the names of numbers names the time.
 
     It is the first of `TIME_NAMES` or the unit, else the one name with `time` or
     `stamp` in it or a unit at its end, else the only name.

@@ -5,7 +5,7 @@ may begin with the device's time and end with a checksum:
 
     @1020000,12,13,11,870,15*3C
 
-The time is that of the beginning of the scan [us]. The checksum is the exclusive or of
+The time tells when the scan began [us]. The checksum is the exclusive or of
 all bytes before the star, in two hexadecimal digits. Options in the address of the port
 name other forms; where two forms are possible, a line is refused until one is named.
 """
@@ -322,7 +322,7 @@ class MatrixLine:
             self.unread = line, error
 
     def take_checksum(self, line: bytes, body: bytes) -> bytes:
-        """Return what is before the checksum in the part of a line after its label.
+        """Return the text before the checksum in the part of a line after its label.
 
         The checksum is that of all bytes before the star, or of those after the label.
 
@@ -558,7 +558,7 @@ class MatrixLine:
 
     @property
     def why(self) -> str:
-        """Why the last line was not read, what is allowed, and the remedy."""
+        """Why the last line was not read, the allowed form, and the remedy."""
         if self.unread is None:
             return ""
         line, error = self.unread

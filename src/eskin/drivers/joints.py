@@ -209,7 +209,7 @@ class ReceivedJoints:
 class UdpJoints(JointSource, Closing):
     """Receives joint positions as JSON, one object a datagram, and interpolates them.
 
-    The fields are those of `sensor_msgs/JointState`: `position` [rad], and `name`, the
+    The fields are as in `sensor_msgs/JointState`: `position` [rad], and `name`, the
     joints that they are of. Without `name` there is one position for each joint of the
     robot, in its order.
 

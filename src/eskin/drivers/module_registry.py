@@ -124,7 +124,7 @@ def name_authenticated_port(serial_number: int) -> str:
 
 
 def is_authenticated(port: str) -> bool:
-    """Return whether a port is that of a module that is known by its key."""
+    """Return whether a port belongs to a module that is known by its key."""
     return port.startswith(AUTHENTICATED_PORT)
 
 

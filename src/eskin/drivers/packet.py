@@ -383,7 +383,7 @@ def encode_frame(packet: bytes) -> bytes:
 
 
 class Framing(ABC):
-    """Finds what is sent as a whole in the bytes of a line.
+    """Finds whole frames in the bytes of a line.
 
     Attributes:
         bytes: number of bytes pushed so far.

@@ -35,7 +35,7 @@ MAX_RATE_SAMPLES = 400
 RETRY_INTERVAL = NS_PER_S // 4
 """Time between two attempts to connect a device that is gone [ns]."""
 MAX_WAIT = 0.05
-"""Longest wait for a sample before it is checked what is missing [s]."""
+"""Longest wait for a sample before missing ones are looked for [s]."""
 MAX_HELD = NS_PER_S // 2
 """Time for which data may be held back, by a driver or a busy computer [ns]: what is
 older is not used, and what has not come for longer is missing."""
@@ -108,7 +108,7 @@ class SampleDevice(Closing):
     def take_refused(self) -> tuple[int, str]:
         """Return how much was refused since the last call, and why the last was.
 
-        The reason shows what was received, and says what is allowed and the remedy.
+        The reason shows what was received, the allowed form and the remedy.
         """
         return 0, ""
 
@@ -320,7 +320,7 @@ class SampledSource(Source):
         self.last_received[patch] = now
 
     def poll(self, now: int) -> None:
-        """Note which patches have become silent; emit what is due."""
+        """Note which patches have become silent; emit the scans that are due."""
         for patch in [
             p for p in self.sending if now - self.last_received[p] > self.silence
         ]:

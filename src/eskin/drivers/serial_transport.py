@@ -59,7 +59,7 @@ class SerialPort:
             raise build_open_error(path, error) from error
 
     def open(self) -> None:
-        """Open the device file; pyserial discards what is in its buffer."""
+        """Open the device file; pyserial empties its buffer."""
         try:
             self.line = serial.Serial(self.path, self.baud, timeout=0, exclusive=True)
         except (termios.error, ValueError) as error:

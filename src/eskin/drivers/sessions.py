@@ -264,7 +264,7 @@ class AuthResult(NamedTuple):
 
 @final
 class HostSessions:
-    """Holds all sessions of a host, and refuses what is not authentic.
+    """Holds all sessions of a host, and refuses packets that are not authentic.
 
     Sessions are opened by hellos: one request is sent for each until the module
     answers, so that a forged hello does not make the host send more than it received.

@@ -1,6 +1,6 @@
 """This module reads shear modules that a server sends as JSON over a WebSocket.
 
-The messages are those of the server of XELA Robotics' modules:
+The messages come from the server of XELA Robotics' modules:
 
     {"message": 786, "time": 1619157045.61, "sensors": 1,
      "1": {"sensor": "1", "taxels": 16, "data": "7F3C,7B6C,8C3D,..."}}
@@ -169,7 +169,7 @@ class ShearModules(SampleDevice):
 
         Raises:
             ValueError: it has not three numbers of 16 bits for each taxel of its patch.
-            KeyError: it lacks what is needed.
+            KeyError: it lacks an entry.
         """
         patch = self.patches[int(module["sensor"])]
         data = module["data"]
@@ -203,7 +203,7 @@ PARSE_ERRORS = (
     RecursionError,
     OverflowError,
 )
-"""Errors of a message that is not as those of the server."""
+"""Errors of a message that the server would not send."""
 
 
 def parse_count(word: Any) -> int:  # noqa: ANN401

@@ -45,7 +45,7 @@ class Region(BaseModel):
     transient: LimitPair = LimitPair()
     """Limits of the peak."""
     quasi_static: LimitPair = LimitPair()
-    """Limits of what is held for `quasi_static_after`."""
+    """Limits of a contact that lasts for `quasi_static_after`."""
 
 
 ELSEWHERE = Region(name="elsewhere")

@@ -94,7 +94,7 @@ def split_groups(rows: Iterator[dict[str, Any]]) -> Iterator[list[dict[str, Any]
 def list_rows(
     recording: Recording, touches: list[dict[str, Any]]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a recording's readings; append those of its touches."""
+    """Yield the rows of a recording's readings; append the rows of its touches."""
     mounted = MountedSkin(recording.skin, recording.load_robot())
     pipeline = TouchPipeline(mounted, recording.calibration)
     labels = select_labels(recording.labels)
@@ -191,7 +191,7 @@ def build_touch_schema(arrow: Any) -> Any:  # noqa: ANN401
 def describe_reading(
     recording: Recording, scan: Scan, state: TouchState, labels: tuple[Label, ...]
 ) -> dict[str, Any]:
-    """Return the row of a reading; `gesture` is that of its label, or null."""
+    """Return the row of a reading; its label gives `gesture`, or null."""
     named = [label for label in labels if label.start <= scan.stamp < label.end]
     return {
         **describe_origin(recording),

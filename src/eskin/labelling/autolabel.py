@@ -1,6 +1,6 @@
 """This module labels recordings automatically and scores the labels that it finds.
 
-The method is that of Jiang et al. 2025 (section IV-D, Fig. 10): "Within these ranges,
+The method comes from Jiang et al. 2025 (section IV-D, Fig. 10): "Within these ranges,
 we applied a threshold-based automatic data labeling method, incorporating a minimum
 window size to mitigate noise and prevent issues such as the separation of double-tap
 gestures".

@@ -40,7 +40,7 @@ class LabelEditor:
 
     Attributes:
         recording: recording to label.
-        vocabulary: names of gestures beside those of its labels.
+        vocabulary: names of gestures beside the names in its labels.
         labels: current labels, by start.
         changed: whether there are unsaved changes.
     """
@@ -50,7 +50,7 @@ class LabelEditor:
 
         Args:
             recording: recording to label.
-            vocabulary: names of gestures beside those of its labels.
+            vocabulary: names of gestures beside the names in its labels.
         """
         self.recording = recording
         self.vocabulary = tuple(vocabulary)

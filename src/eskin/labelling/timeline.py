@@ -341,7 +341,7 @@ class Timeline:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Gestures of the labels, then the common ones, then those of the model."""
+        """Gestures of the labels, then the common ones, then the model's own."""
         known = sorted({label.gesture for label in self.editor.labels} - {NONE})
         found = [record.gesture for record in self.detections]
         return tuple(dict.fromkeys([*known, *GESTURES, NONE, *found]))

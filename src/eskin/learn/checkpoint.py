@@ -35,7 +35,7 @@ def to_network(model: Model) -> RecogniserNetwork:
     """Return the network of a model, ready to evaluate.
 
     Raises:
-        ModelError: if the weights are not those of such a network.
+        ModelError: if the weights are of another network.
     """
     card = model.card
     weights = check_weights(model)

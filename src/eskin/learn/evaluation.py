@@ -174,7 +174,7 @@ class ClipPredictions:
     truth: Int[np.ndarray, "clip"]
     """True class of each clip, as an index into the vocabulary."""
     log_probabilities: Float[np.ndarray, "clip class"]
-    """Log-probabilities of each clip; that of `none` is 0 where there is no touch."""
+    """Log-probabilities of each clip; 0 for `none` where there is no touch."""
 
     @property
     def predicted(self) -> Int[np.ndarray, "clip"]:

@@ -226,7 +226,7 @@ def build_true_segments(
     recording: int,
     offset: int,
 ) -> list[Segment]:
-    """Return one segment for each sequence; those of no true touch are `none`.
+    """Return one segment for each sequence; segments of no true touch are `none`.
 
     Args are as in `build_labelled_segments`; `touches` holds that of each sequence.
     """

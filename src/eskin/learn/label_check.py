@@ -64,7 +64,7 @@ def check_labels(recordings: Iterable[Recording]) -> None:
 
 
 def check_name(recording: Recording, label: Label, names: Iterable[str]) -> None:
-    """Raise if the latest of some names, that of a label, cannot stand with them."""
+    """Raise if the latest of some names, a label's, cannot stand with them."""
     try:
         check_gesture_names(names)
     except RecordingError as error:
@@ -212,7 +212,7 @@ def find_shift(
 ) -> float | None:
     """Return the shift by which most labels without a touch begin as one does [s].
 
-    It is the most common distance from the start of such a label to that of a touch.
+    It is the most common distance from the start of such a label to a touch's.
     None where none is common to most of these, or where a label that holds a touch
     would hold none any more.
 

@@ -44,7 +44,7 @@ def fit_open_layer(
     ridge: float,
     rng: np.random.Generator,
 ) -> None:
-    """Replace the open layer by its mean with that of a ridge regression.
+    """Replace the open layer by its mean with the layer of a ridge regression.
 
     The logits of both spread alike over the windows drawn, apart from their offsets, so
     that probabilities are as sure as before. A network whose statistics are not finite
@@ -159,7 +159,7 @@ def draw_statistics(
 def split_weights(
     weights: Float[Tensor, "class statistic"], layers: list[nn.Linear]
 ) -> list[Float[Tensor, "class some"]]:
-    """Return weights of all statistics as those of the layers, which are averaged."""
+    """Return weights of all statistics as weights of layers, which are averaged."""
     parts = weights.split([layer.in_features for layer in layers], dim=1)
     return [len(layers) * part.to(layers[0].weight.dtype) for part in parts]
 
@@ -174,7 +174,7 @@ def regress(
 
     Args:
         x: statistics of windows.
-        targets: what is regressed, of each class.
+        targets: regressed values of each class.
         weights: weight of each window; their sum is 1.
         ridge: penalty of a squared weight, as a share of the variance of a statistic.
     """

@@ -125,7 +125,7 @@ def export_onnx(model: Model, path: Path | str, seed: int = 0) -> float:
         seed: seed of the contacts on which the result is checked.
 
     Returns:
-        Greatest difference of a logit from that of torch.
+        Greatest difference of a logit from torch's.
 
     Raises:
         ExtraError: onnx or onnxruntime is not installed.

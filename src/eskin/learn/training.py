@@ -382,6 +382,6 @@ def copy_matching_weights(
 
 
 def build_generators(seed: int, workers: int) -> list[np.random.Generator]:
-    """Return one generator for each worker; the first is that of the seed itself."""
+    """Return one generator for each worker; the first is seeded by the seed itself."""
     first = np.random.default_rng(seed)
     return [first, *(np.random.default_rng([seed, n]) for n in range(1, workers))]

@@ -19,12 +19,12 @@ from eskin.touch import Contact, LinkPoseCache, Touch, TouchRecord, TouchState
 from eskin.units import NS_PER_S
 
 AnyTouch = Touch | TouchRecord
-"""A touch, or what is read of it at every reading."""
+"""A touch, or its record at every reading."""
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """A decision holds what is reported of a touch."""
+    """A decision reports the gesture of a touch."""
 
     touch: int
     """Id of the touch."""
@@ -161,7 +161,7 @@ class DecisionFilter:
         stamp: int,
         probabilities: list[float],
     ) -> Decision | None:
-        """Update what is pending of a touch, and return a decision if it is due."""
+        """Update the pending decision of a touch, and return it once it is due."""
         leader = find_likeliest(probabilities)
         is_lifted = stamp - touch.last >= self.lift
         threshold = (self.lifted if is_lifted else self.thresholds)[leader]

@@ -45,7 +45,7 @@ Edges = Int[np.ndarray, "edge"]
 
 
 class EncoderWeights(NamedTuple):
-    """Holds the parameters of the encoder, those of its layers stacked.
+    """Holds the parameters of the encoder, its layers stacked.
 
     Matrices are ([layer,] input, output), the transpose of torch's, so that the
     channels of an output lie side by side. The last layer updates no coordinates: its

@@ -98,7 +98,7 @@ class Network:
 def build_encoder_weights(weights: Weights, config: NetworkConfig) -> EncoderWeights:
     """Lay out the parameters whose names begin with `encoder.`.
 
-    Those of a network without an encoder are empty.
+    Without an encoder they are empty.
     """
     width = config.width
     layers = config.layers

@@ -68,7 +68,7 @@ class Recognizer:
             model: weights and their card.
             mounted: the skin on its robot.
             calibration: calibration of the skin; None accepts only readings, no scans.
-            decision: thresholds and times; None takes those of the model.
+            decision: thresholds and times; None takes the model's.
 
         Raises:
             SkinMismatchError: the skin is on no robot, or does not measure what the
@@ -134,7 +134,7 @@ class Recognizer:
                 or the skin's own.
             calibration: calibration of the skin; None for that of the recording;
                 without either only readings are accepted, no scans.
-            decision: thresholds and times; None takes those of the model.
+            decision: thresholds and times; None takes the model's.
             recording: recording whose scans are recognised: it gives the skin, robot
                 and calibration that are not given.
 

@@ -182,7 +182,7 @@ LOOK = b"""<script>
     [style*="max-height: 60%"] [style="width: 20em;"] { width: 100% !important; }
   }
 </style>"""
-"""What is added to viser's page: it is dark where the browser prefers that; each click
+"""Additions to viser's page: it is dark where the browser prefers that; each click
 and drag in the scene is told by a key, M or T, so that those beside the skin are
 answered too, after 60 ms, because what it hit is told within 50 ms; what the arm asks
 is shown across the scene, with a sound where the browser allows one, which is after the

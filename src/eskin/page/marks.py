@@ -1,4 +1,4 @@
-"""This module draws what is on the robot: its gripper, and the marks of touches."""
+"""This module draws marks on the robot: its gripper, and its touches."""
 
 from collections import deque
 from collections.abc import Sequence

@@ -66,7 +66,7 @@ class LogEntry:
     touch: int = -1
     """Number of the touch of a detection; -1 for other entries."""
     label: str = ""
-    """What is written at the place of a detection; empty for other entries."""
+    """Text at the place of a detection; empty for other entries."""
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ class Panel(PagePart):
 
     @abstractmethod
     def render(self, update: ViewUpdate) -> None:
-        """Show what is stored and the latest update, about ten times a second."""
+        """Show the stored and the latest update, about ten times a second."""
 
 
 def obey(register: Callable[[Any], object], act: Callable[[Any], object]) -> None:
@@ -427,7 +427,7 @@ class TouchPanel(Panel):
 
 
 WAITING = GuideBoard("waiting for the skin", 0.0)
-"""What is shown before the first scan."""
+"""Text that is shown before the first scan."""
 
 
 @final
@@ -507,7 +507,7 @@ MATRIX = (("rows", 16, 1), ("columns", 16, 1), ("pitch [mm]", 6.0, 0.1))
 
 @final
 class PaintPanel(Panel):
-    """Shows the brush and what is painted."""
+    """Shows the brush and the painted regions."""
 
     def __init__(self, gui: GuiApi, setup: SceneDescription, brush: PaintBrush) -> None:
         """Lay out the panel, which sets a brush and sends orders as it does."""

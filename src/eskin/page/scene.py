@@ -229,7 +229,7 @@ class Scene(PagePart):
     def project(self, p_world: Float[np.ndarray, "*_ 3"]) -> Float[np.ndarray, "*_ 2"]:
         """Return where points are drawn, from the middle to the right and down [px].
 
-        The picture is that of the browser whose camera was turned last.
+        The picture comes from the browser whose camera was turned last.
         """
         position, look_at = self.view
         ahead = (look_at - position) / np.linalg.norm(look_at - position)

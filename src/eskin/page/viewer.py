@@ -253,7 +253,7 @@ def build_still(
 
 
 NEVER_ASKS = QuestionBoard("")
-"""What is asked by an arm that never asks."""
+"""Question of an arm that never asks."""
 
 
 def describe_arm(
@@ -527,7 +527,7 @@ class Viewer(Listener):
         self.encoder.log(self.context.clock.now(), "note", text)
 
     def publish_corrections(self, going_on: Collection[int]) -> None:
-        """Publish corrections, but not yet those of touches that go on, by their ids.
+        """Publish corrections, but not yet of touches that go on, by their ids.
 
         A touch may be recognised, and corrected, before it has ended.
         """

@@ -91,7 +91,7 @@ class Topic:
     type_name: str
     """ROS 2 type of its messages."""
     definition: str
-    """Definition of that type, with those of all types that it refers to."""
+    """Definition of that type, and of all types that it refers to."""
 
     @cached_property
     def types(self) -> Types:

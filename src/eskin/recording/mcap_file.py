@@ -31,7 +31,8 @@ CHUNK_HEADER = struct.Struct("<QQQII")
 """First and last log time, size and CRC before compression, and length of the name of
 the compression, at the start of a chunk."""
 CHUNK_HEAD_BYTES = 100
-"""Number of bytes at the start of a chunk that hold its header and that of its data."""
+"""Number of bytes at the start of a chunk that hold both headers, its own and of its
+data."""
 NO_OPCODE = 0
 """Opcode of no record: a disk that was full, or lost power, leaves a hole of zeros."""
 READ_OPCODES = (

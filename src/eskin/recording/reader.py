@@ -276,7 +276,7 @@ class Overrides:
 
     @property
     def digest(self) -> str:
-        """Digest of what is overridden; empty for nothing."""
+        """Digest of the overrides; empty for none."""
         parts = {}
         if self.calibration is not None:
             parts["calibration"] = self.calibration.to_bytes()

@@ -199,7 +199,7 @@ def describe_rate(period: int) -> str | None:
 
 
 NONE = "none"
-"""Name of what is no gesture."""
+"""Class of contact that is no gesture."""
 UNKNOWN = "unknown"
 """Answer of a recogniser for a touch whose gesture it cannot tell, so that no gesture
 may have this name."""

@@ -92,7 +92,7 @@ class RecordingWriter:
             skin: skin that is recorded.
             calibration: calibration of that skin.
             metadata: origin of the recording.
-            joint_names: names in the order of `Scan.q`; None takes those of the robot.
+            joint_names: names in the order of `Scan.q`; None takes the robot's names.
             urdf: URDF of the robot; empty for a preset, whose name says enough.
 
         Raises:
@@ -240,11 +240,11 @@ class RecordingWriter:
             )
 
     def write_label(self, label: Label) -> None:
-        """Append a label; its log time is that of the latest scan."""
+        """Append a label; the latest scan gives its log time."""
         self.append_message(LABEL, self.log_time(label.start), pack_label(label))
 
     def write_detection(self, record: DetectionRecord) -> None:
-        """Append a detection; its log time is that of the latest scan."""
+        """Append a detection; the latest scan gives its log time."""
         stamp = self.log_time(record.stamp)
         self.append_message(DETECTION, stamp, pack_detection(record))
 
@@ -253,7 +253,7 @@ class RecordingWriter:
         self.append_message(TRUTH, record.stamp, pack_truth(record))
 
     def write_event(self, record: EventRecord) -> None:
-        """Append an event; its log time is that of the latest scan."""
+        """Append an event; the latest scan gives its log time."""
         data = pack_event(record, self.skin.name)
         self.append_message(EVENT, self.log_time(record.stamp), data)
 
@@ -368,7 +368,7 @@ def check_new_recording(path: Path) -> None:
     """Raise if there is a file where a new recording would be written.
 
     Raises:
-        RecordingError: there is one, or what is left of a recording that was stopped.
+        RecordingError: there is one, or the rest of a recording that was stopped.
     """
     for other in (path, name_part(path)):
         if other.exists():
@@ -438,7 +438,7 @@ def write_copy(
 
 
 def check_copy(recording: Recording, target: Path) -> None:
-    """Raise if a copy of a recording would replace what is not to be lost.
+    """Raise if a copy of a recording would replace data that must not be lost.
 
     Raises:
         RecordingError: a truncated recording would be replaced by its readable part,
@@ -454,7 +454,7 @@ def check_copy(recording: Recording, target: Path) -> None:
 
 
 def is_same_path(recording: Recording, target: Path) -> bool:
-    """Return whether a path is that of a recording."""
+    """Return whether a path is the path of a recording."""
     return target.resolve() == recording.path.resolve()
 
 

@@ -58,7 +58,7 @@ class Kinematics:
 
 
 def compute_motion_terms(joint: Joint) -> list[Float[np.ndarray, "4 4"]]:
-    """Return a joint's constant matrix and those of sin q, 1 - cos q and q."""
+    """Return a joint's constant matrix and the matrices of sin q, 1 - cos q and q."""
     sine, versine, slide = np.zeros((3, 4, 4))
     if joint.kind == "prismatic":
         slide[:3, 3] = joint.axis
@@ -69,7 +69,7 @@ def compute_motion_terms(joint: Joint) -> list[Float[np.ndarray, "4 4"]]:
 
 
 def sort_links(robot: Robot) -> Int[np.ndarray, "link 3"]:
-    """Return each link's index, that of its parent, and that of its joint in `q`.
+    """Return the indices of each link, of its parent, and of its joint in `q`.
 
     Parents come before children. A joint that follows another has the index of that
     one; a fixed joint, and a missing parent, is -1.

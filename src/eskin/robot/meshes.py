@@ -33,7 +33,7 @@ PACKAGE_FILE = "package.xml"
 URDF_FOLDERS = ("urdf", "robots")
 """Names of folders for the URDFs of a package; the package is the folder around."""
 MESH_FOLDERS = ("meshes", "mesh", "assets")
-"""Names of folders beside that of the URDF in which meshes may lie."""
+"""Names of folders beside the folder of the URDF in which meshes may lie."""
 
 
 @final
@@ -152,7 +152,7 @@ def find_packages(folder: Path) -> list[Path]:
 
 
 def is_package(folder: Path) -> bool:
-    """Return whether a folder is that of a ROS package."""
+    """Return whether a folder is a ROS package."""
     return (folder / PACKAGE_FILE).is_file()
 
 
@@ -170,7 +170,7 @@ def check_reader(module: str, package: str, path: Path, place: str) -> None:
 def parse_mesh(data: bytes, path: Path, place: str) -> TriangleMesh:
     """Parse a mesh file, whose triangles are joined.
 
-    Lengths are those of the file; a COLLADA file tells its unit. Its `<up_axis>` is
+    Lengths are in the unit of the file; a COLLADA file tells it. Its `<up_axis>` is
     ignored, as RViz, MoveIt and Pinocchio do: coordinates are those of the link.
     """
     trimesh = import_module("trimesh")

@@ -20,7 +20,7 @@ MIN_AXIS = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A link is a rigid part of a robot; its frame is that of its parent joint."""
+    """A link is a rigid part of a robot; its frame is the frame of its parent joint."""
 
     name: str
     """Name of the link, unique in its robot."""
@@ -129,7 +129,7 @@ class Robot:
         return np.array([j.velocity for j in self.actuated_joints], dtype=np.float64)
 
     def describe_lacking_meshes(self, deed: str) -> str:
-        """Describe what is done without meshes that are not at hand; empty for none.
+        """Describe how the robot does without missing meshes; empty if none is missing.
 
         Recordings and skins hold the URDF of their robot without its meshes.
 

@@ -17,7 +17,7 @@ Points = Float[np.ndarray, "point 3"]
 Distances = tuple[Float[np.ndarray, "point"], Float[np.ndarray, "point 3"]]
 
 ON_SURFACE = 1e-7
-"""Distance below which the normal is that of the nearest triangle [m]."""
+"""Distance below which the normal is the normal of the nearest triangle [m]."""
 
 
 def compute_surface_distance(

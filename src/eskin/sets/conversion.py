@@ -58,7 +58,7 @@ class ImportedClip:
     labels: tuple[Label, ...]
     """Labels in the order of time."""
     calibration: Calibration | None = None
-    """Calibration of its own; None for that of the set."""
+    """Calibration of its own; None for the calibration of the set."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def write_clips(
 def count_scans(
     scans: Iterable[Scan], before: int, update: Callable[[int], None]
 ) -> Iterator[Scan]:
-    """Yield scans, and tell how many there were, with those of the clips before."""
+    """Yield scans, and tell how many there were, with the clips before them."""
     for number, scan in enumerate(scans, before + 1):
         yield scan
         update(number)

@@ -171,7 +171,7 @@ def parse_support(rest: str) -> str:
 
 
 def parse_recording_time(rest: str) -> datetime:
-    """Return the start of a recording from a file name; that of the year if unknown.
+    """Return the start of a recording from a file name; else the start of the year.
 
     The time of day is taken as UTC, and a missing year as 2023.
     """

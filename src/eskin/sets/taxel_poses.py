@@ -20,7 +20,7 @@ MAX_ANGLE = float(np.radians(20.0))
 MAX_DEVIATION = 0.01
 """Largest deviation of the length of an axis from 1."""
 SCALES = (0.1, 10.0)
-"""Ratios of lengths of poses to those of the skin within which units may be equal."""
+"""Ratios of lengths of poses to the skin's within which units may be equal."""
 
 Rows = Num[np.ndarray, "reading number"]
 Vectors = Float[np.ndarray, "reading taxel 3"]
@@ -98,7 +98,7 @@ class PoseReader:
         return known
 
     def find_new(self, rows: Rows) -> Bool[np.ndarray, "reading"]:
-        """Find the readings whose poses are not those of the reading before."""
+        """Find the readings whose poses differ from the reading before."""
         last = self.last
         is_same = last is not None and np.array_equal(last, rows[:1])
         return np.concatenate([[not is_same], (rows[1:] != rows[:-1]).any(axis=1)])
@@ -198,5 +198,5 @@ class PoseReader:
         return f"taxel {taxel} ({self.mounted.skin.describe_taxel(taxel)})"
 
     def refuse(self, place: str, taxel: int, problem: str) -> NoReturn:
-        """Raise with the place of a reading, a taxel and what is wrong with it."""
+        """Raise with the place of a reading, a taxel and its mistake."""
         raise ImportSourceError(f"{place}: {self.describe(taxel)} {problem}")

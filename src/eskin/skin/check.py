@@ -38,7 +38,7 @@ class SkinProblem:
 
 
 def describe_problems(problems: Sequence[SkinProblem]) -> list[str]:
-    """Describe problems in lines: those of one patch that differ in numbers as one."""
+    """Describe problems in lines: ones of a patch that differ in numbers share one."""
     alike: dict[tuple[str | None, str], list[SkinProblem]] = {}
     for each in problems:
         kind = re.sub(r"[-+.\de]*\d", "", each.text)
@@ -61,9 +61,9 @@ class CheckConfig:
     min_taxel_distance: float = 0.0002
     """Smallest distance of two taxels of a link [m]."""
     min_fill: float = 0.2
-    """Smallest area of a taxel over that of the cell between its neighbours."""
+    """Smallest ratio of the area of a taxel to the cell between its neighbours."""
     max_fill: float = 1.5
-    """Largest area of a taxel over that of its cell."""
+    """Largest ratio of the area of a taxel to its cell."""
     min_cosine: float = 0.5
     """Smallest cosine between a taxel's normal and its surface's."""
 
@@ -242,7 +242,7 @@ def find_area_problems(
 def find_flipped_problems(
     skin: Skin, neighbour_normals: Float[np.ndarray, "taxel 3"]
 ) -> Iterator[SkinProblem]:
-    """Find normals that point against those of the neighbours."""
+    """Find normals that point against the neighbours' normals."""
     product = np.sum(skin.normals * neighbour_normals, axis=1)
     text = "its normal points against its neighbours' normals, allowed outward"
     for taxel in np.flatnonzero(product < 0).tolist():

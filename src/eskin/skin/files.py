@@ -330,7 +330,7 @@ def format_manifest(skin: Skin, urdf: bytes | None = None) -> str:
 
 
 def describe_entry_error(detail: ErrorDetails) -> str:
-    """Describe a wrong entry: what was got and what is allowed."""
+    """Describe a wrong entry: the given and the allowed value."""
     path = format_entry_path(detail["loc"])
     if detail["type"] == "missing":
         return f"{path} is missing; add it"

@@ -35,7 +35,7 @@ class TaxelGrid:
     column_pitch: float
     """Distance of columns along s in the first row [m]."""
     taper: float = 1.0
-    """Column pitch of the last row over that of the first."""
+    """Ratio of the column pitch of the last row to the first row's."""
     present: Bool[np.ndarray, "row column"] | None = None
     """Mask of the cells that hold a taxel; None for all of them."""
 
@@ -185,9 +185,9 @@ class PatchOutline:
     cuts: tuple[int, int, int, int] = (0, 0, 0, 0)
     """Cells missing at the corners, as in `cut_corners`."""
     taper: float = 1.0
-    """Column pitch of the last row over that of the first."""
+    """Ratio of the column pitch of the last row to the first row's."""
     offset: float = 0.0
-    """Distance of its middle from that of the part, along t [m]."""
+    """Distance of its middle from the middle of the part, along t [m]."""
 
     def grid(self) -> TaxelGrid:
         """Return the grid of its taxels."""

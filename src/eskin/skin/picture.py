@@ -40,7 +40,7 @@ SCALE_WIDTH = 1.0
 MAX_LABELS = 24
 """Number of patches up to which they have labels."""
 BARS = (0.05, 0.01)
-"""Length of the scale bar, and that of a skin too small for it [m]."""
+"""Length of the scale bar, and of the bar of a skin too small for it [m]."""
 ROBOT_COLOUR = "#d8dade"
 SKIN_LIFT = 0.9
 """Distance by which taxels are drawn in front of the robot's surface, in taxels."""

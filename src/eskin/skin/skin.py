@@ -192,7 +192,7 @@ class MountedSkin:
     ) -> Float[np.ndarray, "*batch selected 3 3"]:
         """Return R_world_taxel, with tangent x, tangent y and normal as columns.
 
-        Arguments are those of `place_taxels`.
+        Arguments are as for `place_taxels`.
         """
         selected = np.arange(self.skin.count) if taxels is None else taxels
         rotations, _ = self.get_link_poses(q, selected)

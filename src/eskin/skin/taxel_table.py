@@ -52,7 +52,7 @@ class BadCellError(ValueError):
 def parse_taxels(
     text: str, patches: tuple[Patch, ...], file: str
 ) -> tuple[list[TaxelRow], list[SkinProblem]]:
-    """Read the valid rows by their ids, and list what is wrong with the others.
+    """Read the valid rows by their ids, and list the mistakes of the others.
 
     The rest is not read after `MAX_PROBLEMS` problems.
 
@@ -229,7 +229,7 @@ def read_area(row: dict[str, str], where: str) -> float:
 
 
 def describe_cell(where: str, column: str, text: str, allowed: str) -> str:
-    """Describe a wrong cell: what was got and what is allowed."""
+    """Describe a wrong cell: the given and the allowed text."""
     return f"{where}, column {column}: got {shorten(text)}, allowed {allowed}"
 
 

@@ -89,7 +89,7 @@ def describe_response(skin: Skin, response: PressResponse) -> str:
 def check_patch(
     skin: Skin, patch: str, responses: Sequence[PressResponse]
 ) -> str | None:
-    """Describe what is wrong with a patch, with a remedy; None where nothing is."""
+    """Describe the mistake of a patch, with a remedy; None without one."""
     measured = [response.taxel for response in responses if response.taxel is not None]
     silent = len(responses) - len(measured)
     if silent:

@@ -45,7 +45,7 @@ LIMITS = {
     "unfelt_deviation": (0.0, 1e3),
     "release_seconds": (1e-3, 10.0),
 }
-"""Smallest and largest value of each field, beyond those of any sensor."""
+"""Smallest and largest value of each field, beyond the values of any sensor."""
 MEASURED = ("noise", "rest", "gain_deviation")
 """Fields that hold numbers of taxels or patches, or None."""
 DEFAULT_FREE = (
@@ -121,7 +121,7 @@ class Calibration:
     """Whether taxels are read out by rows and columns, with crosstalk between them that
     `CrosstalkCompensator` estimates and subtracts."""
     falling: bool = False
-    """Whether counts fall under pressure, as those of a sensor with a pull-up resistor;
+    """Whether counts fall under pressure, as of a sensor with a pull-up resistor;
     full scale less the counts is then what the other constants are of."""
     source: CalibrationSource = "nominal"
     """Where the constants come from. `nominal`: a data sheet; `rest`: rest and noise of

@@ -528,7 +528,7 @@ def select_strong(
 ) -> Indices:
     """Select the taxels that reach a fraction of the peak of their connected set.
 
-    The peak is also that of taxels beside it whose contact has just ended. The others
+    The peak may also be of taxels beside it whose contact has just ended. The others
     are in contact once they rise: what is weak beside a press may be the residual of
     one, crosstalk, or a hand that hovers, and stays as the press ends.
     """
@@ -553,7 +553,7 @@ def select_strong(
 
 @compiled
 def find_peak(i: int, reading: KernelReading, context: TrackerContext) -> float:
-    """Return the pressure of a taxel, or that of a press beside it that has ended."""
+    """Return the pressure of a taxel, or of a press beside it that has ended."""
     peak = float(reading.pressure[i])
     span = context.geometry[i].neighbours
     for k in range(span[0], span[1]):
@@ -607,7 +607,7 @@ def join_near(
     geometry: np.ndarray,
     parents: Indices,
 ) -> None:
-    """Join one taxel with those of the others that are within the larger reach."""
+    """Join one taxel with others that are within the larger reach."""
     for b in others:
         reach = max(geometry[active[a]].reach, geometry[active[b]].reach)
         d0 = p_world[a, 0] - p_world[b, 0]

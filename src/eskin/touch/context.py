@@ -43,7 +43,7 @@ class Crosstalk(NamedTuple):
     detours: np.ndarray
     """(taxel) conductance of the paths over three others."""
     shares: np.ndarray
-    """(taxel) ratios of the conductance of a taxel to that of others."""
+    """(taxel) ratios of the conductance of a taxel to the conductance of others."""
     row_sums: np.ndarray
     """(row) sums of conductances."""
     column_sums: np.ndarray

@@ -177,7 +177,7 @@ def observe_leak(
 def remove_leak(members: Taxels, context: FrontEndContext) -> None:
     """Write the conductances that show as measured once lines have leaked.
 
-    A taxel shows its own conductance and a share of that of all others of its row and
+    A taxel shows its own conductance and a share of all others of its row and
     column. Sums over rows, columns and the patch solve these equations where each
     crossing has a taxel, and nearly so elsewhere.
     """

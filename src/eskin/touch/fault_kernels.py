@@ -138,7 +138,7 @@ FaultParameters = namedtuple(
 
 @compiled
 def follow_faults(scan: KernelScan, packed_context: Packed) -> None:
-    """Update what is known of the noise and of faults of each taxel by a scan.
+    """Update the noise and the signs of faults of each taxel by a scan.
 
     Negative counts are faulty at once.
     """

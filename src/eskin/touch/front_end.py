@@ -64,8 +64,8 @@ class FrontEnd:
         mask: which taxels are faulty.
         doubtful: which are faulty, or show signs of a fault.
         taxel_faults: faults of taxels, with a whole row, column or patch as one.
-        faults: the same, and that of a patch whose counts go another way than they are
-            taken to.
+        faults: the same, and a fault of a patch whose counts go another way than they
+            are taken to.
     """
 
     def __init__(
@@ -201,7 +201,7 @@ class FrontEnd:
             self.taxel_faults = tuple(found)
 
     def start_from_rest(self, scan: KernelScan) -> None:
-        """Start rest from what is known where it begins anew.
+        """Start rest from known counts where it begins anew.
 
         That is the calibrated rest, or after a long silence the rest before it. Where
         it is not plausible, the taxel is tared.
@@ -259,12 +259,12 @@ class FrontEnd:
 
     @property
     def leak(self) -> float:
-        """Apparent conductance of a taxel over that of the others of its lines."""
+        """Apparent conductance of a taxel over the sum of the others of its lines."""
         return float(self.crosstalk.value[LEAK])
 
     @property
     def ghost(self) -> float:
-        """Apparent conductance of a taxel over that of detours over three others."""
+        """Apparent conductance of a taxel over its detours over three others."""
         return float(self.crosstalk.value[GHOST])
 
 

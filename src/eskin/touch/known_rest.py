@@ -1,4 +1,4 @@
-"""This module tells what is at rest when a taxel has its first data."""
+"""This module tells which taxels are at rest when they have their first data."""
 
 from typing import final
 

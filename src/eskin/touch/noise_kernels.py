@@ -84,7 +84,7 @@ class NoiseBand(NamedTuple):
 
 @final
 class NoisyTaxel(NamedTuple):
-    """A taxel is faulty or doubtful whose noise is large and above that of others."""
+    """A taxel is faulty or doubtful whose noise is large, and larger than usual."""
 
     learn_scans: int = 40
     """Number of scans from which noise is known well enough for a fault."""

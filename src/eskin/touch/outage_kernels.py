@@ -38,7 +38,7 @@ USED, REFUSED, RESTARTED = range(3)
 
 
 class PatchMoves(NamedTuple):
-    """Counts the received taxels of a patch, and those of them that moved."""
+    """Counts the received taxels of a patch, and which of them moved."""
 
     received: int
     known: int

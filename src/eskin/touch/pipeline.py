@@ -194,7 +194,7 @@ class TouchTracker:
     def release_seconds(self) -> float:
         """Time constant with which pressure falls as the skin is let go [s].
 
-        It is that of the calibration until enough releases have been seen.
+        The calibration gives it until enough releases have been seen.
         """
         return float(1.0 / self.release_rate[0])
 
@@ -235,7 +235,7 @@ def build_contacts(
 
 @dataclass(frozen=True)
 class PipelineConfig:
-    """A configuration combines those of the stages that a model depends on.
+    """A configuration combines the settings of the stages that a model depends on.
 
     It is stored with the weights. What counts as a fault does not depend on a model:
     no file may make the skin believe more.

@@ -131,11 +131,11 @@ class TouchRecord:
     settled_at: int = 0
     """Stamp at which `settled` was set [ns]."""
     tracks: tuple[int, ...] = ()
-    """Ids of its tracks, and of those of touches merged into it, ascending."""
+    """Ids of its tracks, and of the tracks merged into it, ascending."""
     taxels: Int[np.ndarray, "active"] = field(default_factory=NO_TAXELS.copy)
     """Indices of its active taxels now; none once it has closed."""
     before: Int[np.ndarray, "earlier"] = field(default_factory=NO_TAXELS.copy)
-    """Those in the previous reading, and those of touches merged into it since."""
+    """Taxels in the previous reading, and taxels of touches merged into it since."""
     held: Int[np.ndarray, "pressed"] = field(default_factory=NO_TAXELS.copy)
     """Indices of its taxels that are still pressed, though their contact has ended."""
     contacts: int = 1

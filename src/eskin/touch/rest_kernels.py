@@ -1,4 +1,4 @@
-"""Compiled kernels that follow the rest of each taxel, and measure what is above it."""
+"""Compiled kernels that follow the rest of each taxel, and measure counts above it."""
 
 # pyright: reportAttributeAccessIssue=false
 # Fields of records are known to numba only.

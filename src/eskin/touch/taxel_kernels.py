@@ -32,7 +32,7 @@ def is_silent(last: float, now: float) -> bool:
 
 @compiled
 def reset_taxel(i: int, constants: np.ndarray, taxels: np.ndarray) -> None:
-    """Forget what is known of a taxel, but for the time at which it was doubtful."""
+    """Forget the state of a taxel, but for the time at which it was doubtful."""
     taxel = taxels[i]
     taxel.first_received = np.inf
     taxel.last_received = NEVER

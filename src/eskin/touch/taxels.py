@@ -1,4 +1,4 @@
-"""This module defines what is known of each taxel and patch, and how time passes.
+"""This module defines the state of each taxel and patch, and how time passes.
 
 Three records hold what is known of a taxel: `TAXEL_CONSTANTS`, which a calibration
 gives; `TaxelPlaces`, which says what it belongs to; and `TAXEL`, its state, which every

@@ -339,7 +339,7 @@ class TouchGrouper:
         self.closed.append(self.touches.pop(touch.id))
 
     def weigh_tracks(self) -> set[int]:
-        """Add the evidence of this reading to that of the tracks, which fades.
+        """Add the evidence of this reading to the tracks, whose evidence fades.
 
         A track has no more than confirms a touch, so that all fade in the same time.
         What has faded takes no later track into its touch.
@@ -458,7 +458,7 @@ class TouchGrouper:
     def restart_touch(
         self, touch: TouchRecord, contacts: dict[int, list[ContactRecord]]
     ) -> None:
-        """Start a new touch where the force grows far beyond that of a touch.
+        """Start a new touch where the force grows far beyond the force of a touch.
 
         What came before may be noise, or a hand that hovers; it gives the new one
         neither its age nor its place. A confirmed touch is merged into the new one.

@@ -45,7 +45,7 @@ class ConvertSkinCommand:
     """Link of all taxels, where the file does not tell it."""
 
     name: str | None = None
-    """Name of the skin; that of the file where none is given."""
+    """Name of the skin; the file's name where none is given."""
 
 
 def run(command: ConvertSkinCommand) -> dict[str, object]:

@@ -49,7 +49,7 @@ class DesignCommand:
     """Folder of the skin."""
 
     name: str | None = None
-    """Name of the skin; that of the folder where none is given."""
+    """Name of the skin; the folder's name where none is given."""
 
     links: Annotated[tuple[str, ...], Excludes("spec")] = ()
     """Links to cover; all that have a shape where none are given."""

@@ -50,7 +50,7 @@ class PaintCommand:
     """Links to paint on; all that have a shape where none are given."""
 
     density: Annotated[float | None, Range(0, 1e4, is_open=True)] = None
-    """Density of the painted regions [1/cm2]; that of `eskin skin design` by default.
+    """Density of the painted regions [1/cm2]; by default as of `eskin skin design`.
     """
 
     port: int = DEFAULT_PORT

@@ -45,7 +45,7 @@ class PlaceCommand:
     """Folder of the skin."""
 
     patch: str | None = None
-    """Name of the patch; that of the link where none is given."""
+    """Name of the patch; the link's name where none is given."""
 
     at: tuple[float, float, float] | None = None
     """Place of its middle in the link's frame [mm]; by default where it fits best."""
@@ -125,7 +125,7 @@ def run(command: PlaceCommand) -> dict[str, object]:
 
 
 def save_matrix(skin: Skin, folder: Path, robot: Robot) -> Skin:
-    """Write a matrix on its robot as a skin, or add it to that of the folder.
+    """Write a matrix on its robot as a skin, or add it to the skin of the folder.
 
     Returns:
         The skin that was written.

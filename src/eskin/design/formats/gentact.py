@@ -1,7 +1,7 @@
 """This module reads and writes the CSV files of GenTact.
 
 They hold numbered positions, most with a radius and the path of the object they lie
-on. Normals are those of the robot's surface.
+on. Normals are taken from the robot's surface.
 """
 
 import csv
@@ -63,7 +63,7 @@ class Electrode:
 
 
 def read_gentact(path: Path, name: str, robot: Robot, link: str | None = None) -> Skin:
-    """Read a CSV file of GenTact; its normals are those of the robot's surface.
+    """Read a CSV file of GenTact; normals are taken from the robot's surface.
 
     A patch is one parent in the file: the last part of its path that is a link of the
     robot, and what follows as the name of the patch; or a skin that the file names.

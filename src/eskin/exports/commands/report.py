@@ -36,7 +36,7 @@ class ReportCommand:
     """Time for which a force or pressure counts as held, without --limits [s]."""
 
     out: Path | None = None
-    """The HTML file; by default that of the recording with the suffix .html."""
+    """The HTML file; by default the recording's name with the suffix .html."""
 
     robot_urdf: str | None = None
     """Robot in place of the recorded one, as for its meshes: a URDF file or a preset's

@@ -264,7 +264,7 @@ class TrainingPlan:
     config: TrainConfig = field(default_factory=TrainConfig)
     """Settings of the training."""
     overrides: Overrides = NO_OVERRIDES
-    """What is used in place of what the recordings hold."""
+    """Values in place of what the recordings hold."""
     pack: Path | None = None
     """Folder that keeps prepared recordings."""
     skins: int = 0
@@ -310,7 +310,7 @@ def run_training(
         checkpoint: file from which an interrupted training continues; the caller
             removes it.
         processes: processes that train together; the first one prepares recordings.
-        tell: takes lines about what is held out, and what was left out.
+        tell: takes lines about held-out and about left-out recordings.
 
     Raises:
         RecordingError: recordings cannot be learned from.

@@ -14,7 +14,7 @@ from eskin.learn.metrics import TAIL, bound_rate, resample_clusters
 from eskin.live import DecisionConfig
 
 THRESHOLDS = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99)
-"""Probabilities that a gesture needs, beside that of the model."""
+"""Probabilities that a gesture needs, beside the model's own."""
 RATES = (0.5, 5.0)
 """Accidents an hour at which the share of missed gestures is reported [1/h]."""
 
@@ -64,7 +64,7 @@ def measure_curve(
     decision: DecisionConfig,
     vocabulary: Sequence[str],
 ) -> list[CurvePoint]:
-    """Measure both kinds of errors at each threshold, and at that of the model.
+    """Measure both kinds of errors at each threshold, and at the model's.
 
     Args:
         decide: function that returns the streams with the detections of settings.
@@ -160,7 +160,7 @@ def bound_missed(people: Sequence[ErrorCount]) -> tuple[float, float]:
 def widen(
     interval: tuple[float, float], values: Float[np.ndarray, "draw"]
 ) -> tuple[float, float]:
-    """Return the union of an interval and that of bootstrap values."""
+    """Return the union of an interval and the interval of bootstrap values."""
     low, high = np.quantile(values, (TAIL, 1 - TAIL)).tolist()
     return min(float(interval[0]), low), max(float(interval[1]), high)
 

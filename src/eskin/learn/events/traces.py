@@ -73,7 +73,7 @@ class Trace:
         """Return the detections that would be made live with some decision settings.
 
         Args:
-            config: decision settings; None takes those of the model.
+            config: decision settings; None takes the model's.
             temperature: temperature to use instead of the model's.
         """
         config = config or self.decision

@@ -89,7 +89,7 @@ def choose_decision(
     others; then the cost of wrong, missed and unasked detections counts.
 
     Args:
-        streams: streams for tuning alone, not those of a test.
+        streams: streams for tuning alone, none of a test.
         config: values to try.
         temperature: temperature to use instead of the model's.
     """

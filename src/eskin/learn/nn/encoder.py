@@ -108,7 +108,7 @@ def compute_edge_features(
 def gather_rows(
     values: Float[Tensor, "node channel"], nodes: Int[Tensor, "target k"]
 ) -> Float[Tensor, "target k channel"]:
-    """Return rows of some nodes; the gradient is faster than that of indexing."""
+    """Return rows of some nodes; the gradient is faster than by indexing."""
     return values.index_select(0, nodes.flatten()).view(*nodes.shape, values.shape[1])
 
 

@@ -185,7 +185,7 @@ class RecogniserNetwork(nn.Module):
             )
 
     def fit_summary(self, summary: Float[Tensor, "reading feature"]) -> None:
-        """Set mean and scale of the summary from those of the training readings."""
+        """Set mean and scale of the summary from the training readings."""
         self.summary_mean.copy_(summary.mean(dim=0))
         self.summary_scale.copy_(1.0 / (summary.std(dim=0) + 1e-2))
 
@@ -245,7 +245,7 @@ class RecogniserNetwork(nn.Module):
     def split_inputs(
         self, e: Float[Tensor, "window slot feature"]
     ) -> tuple[Float[Tensor, "window slot summary"], Float[Tensor, "window slot all"]]:
-        """Return what the head of the summary takes, and that of the graphs."""
+        """Return the inputs of the heads of the summary and of the graphs."""
         return e[:, :, : len(self.summary_mean)], e
 
     @property

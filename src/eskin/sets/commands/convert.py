@@ -91,7 +91,7 @@ COLUMNS = tuple(each.name for each in fields(TableLayout) if each.name != "names
 READINGS = ("skin", "robot_urdf", "calibration")
 """Options of tables of readings of a whole skin alone."""
 NAMED = ("label", "person", "rate")
-"""Options of tables that those of readings of a whole skin take, too."""
+"""Options of tables that readings of a whole skin take, too."""
 ASSUMED: dict[str, tuple[str, ...]] = {
     "sleeve": (),
     "shearsense": (),
@@ -185,7 +185,7 @@ def get_geometry_options(command: ConvertCommand) -> dict[str, float]:
 
 
 def choose_layout(command: ConvertCommand) -> TableLayout:
-    """Return the layout of the set with what was given, or that of a table."""
+    """Return the layout of the set with the given options, or the layout of a table."""
     given = {name: getattr(command, name) for name in COLUMNS}
     given = {name: value for name, value in given.items() if value is not None}
     known = LAYOUTS.get(command.dataset)

@@ -117,7 +117,7 @@ class SwingingJoints(JointSource):
 def measure_throughput(
     over: TransportKind, rate: float, seconds: float
 ) -> ThroughputResult:
-    """Receive and recognise for some time, and count what is dropped.
+    """Receive and recognise for some time, and count dropped scans.
 
     The first 3 s are not counted; `rate` is in [1/s], `seconds` in [s].
     """

@@ -54,7 +54,7 @@ class DeviceCommand:
     unplug:forearm_front@5-8. The option may be given several times."""
 
     rate: Annotated[float | None, POSITIVE] = None
-    """Rate of the scans [1/s]; by default that of what is played."""
+    """Rate of the scans [1/s]; by default the rate of the recording or simulation."""
 
     seconds: Annotated[float | None, POSITIVE] = None
     """Time after which to stop [s]; by default the end of the recording, or never."""
@@ -214,7 +214,7 @@ def print_addresses(device: "VirtualSkin") -> None:
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a host's name or address is that of this computer."""
+    """Tell whether a host's name or address is this computer's."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

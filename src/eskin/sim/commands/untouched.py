@@ -5,7 +5,7 @@ from eskin.skin import SKIN_PRESETS
 
 
 def print_untouched(skin: str, robot: str | None) -> None:
-    """Print what is left out of a simulation on a skin that does not come with eskin.
+    """Print what a simulation leaves out on a skin that does not come with eskin.
 
     These are links that no simulated person touches, and meshes that are not at hand.
     """

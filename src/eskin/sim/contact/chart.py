@@ -50,7 +50,7 @@ class Chart:
     def radius(self) -> float:
         """Return the radius of curvature across t [m], infinite on a plane.
 
-        On a sheet it is that of the mean largest curvature, and finite.
+        On a sheet it is the radius of the mean largest curvature, and finite.
         """
         if isinstance(self.surface, Sheet):
             largest = np.linalg.eigvalsh(self.surface.curvatures[self.own])[:, 1]

@@ -132,7 +132,7 @@ class SimulatorFactory:
     """This factory builds the simulator of a robot's skin, in any process."""
 
     robot: str | None = None
-    """Name of the robot, or path of its URDF; None for those of presets."""
+    """Name of the robot, or path of its URDF; None for the robots of presets."""
     recorded: RecordedPeople | None = None
     """People whose recorded touches are played; None draws touches."""
 

@@ -89,7 +89,7 @@ def write_on_cluster(
 ) -> Rows:
     """Write the files of sessions on the cluster that Ray is connected to.
 
-    The arguments are those of `write_sessions`; `factory` must be importable on all
+    The arguments are as for `write_sessions`; `factory` must be importable on all
     machines.
     """
     task = ray.remote(num_cpus=1, max_retries=ALWAYS)(make_file)

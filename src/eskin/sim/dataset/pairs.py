@@ -72,7 +72,7 @@ class PairScenes:
     mounted: MountedSkin
     """Skin of the second scene on its robot."""
     charts: tuple[Chart, ...]
-    """Charts of that skin, with the same coordinates as those of the first scene."""
+    """Charts of that skin, with the same coordinates as in the first scene."""
 
 
 def draw_onset(

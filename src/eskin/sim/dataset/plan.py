@@ -28,7 +28,7 @@ class PairMember:
     """A pair member says which clip of which pair of its set a clip is."""
 
     number: int
-    """Number of the pair among those of its kind; -1 for the lead-in."""
+    """Number of the pair among the pairs of its kind; -1 for the lead-in."""
     side: Side
     """Side of the pair."""
     gesture: str

@@ -52,7 +52,7 @@ class SetPart:
     """A set part is a number of clips of a set in one folder."""
 
     folder: str
-    """Folder below that of the set; empty where the set has one part."""
+    """Folder below the folder of the set; empty where the set has one part."""
     clips: int
     """Number of clips."""
 

@@ -147,7 +147,7 @@ class InteractiveHand:
     def double_pat(
         self, point: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
-        """Pat twice with the hand; arguments are those of `poke`."""
+        """Pat twice with the hand; arguments are as for `poke`."""
         requested = check_requested(force=force, duration=seconds) | {"more": 0.0}
         if force is not None:
             requested["force.1"] = force
@@ -159,7 +159,7 @@ class InteractiveHand:
     def grab(
         self, point: LinkPoint, force: float | None = None, seconds: float | None = None
     ) -> int:
-        """Close fingers and thumb round the link; arguments are those of `poke`.
+        """Close fingers and thumb round the link; arguments are as for `poke`.
 
         The force is limited by the grip of the person.
         """

@@ -73,7 +73,7 @@ class RecordedTouch:
     group: str
     """Group of its gesture in the SocialTouch set."""
     number: int
-    """Number of the touch among those of the folder that have such a class."""
+    """Number of the touch among the touches of the folder with such a class."""
     repetition: Repetition
     """Readings of the touch."""
     columns: int = COLUMNS

@@ -115,8 +115,8 @@ class ReadingLosses:
     def draw_next(self) -> Lost:
         """Draw which patches are lost in the next reading of a stream without end.
 
-        The law is that of `draw_all`, and so are the draws but for the state before the
-        first reading, which `draw_all` draws last.
+        The law is the same as of `draw_all`, and so are the draws but for the state
+        before the first reading, which `draw_all` draws last.
         """
         if not self.has_begun:
             self.gone = self.rng.spawn(1)[0].random(self.patches) < self.share

@@ -135,7 +135,7 @@ class PacketFault(DeviceFault):
         return out
 
     def apply(self, packet: OutgoingBytes) -> list[OutgoingBytes]:
-        """Return what is sent in place of an affected packet; by default nothing."""
+        """Return the packets in place of an affected packet; by default none."""
         return []
 
     def counters(self) -> dict[str, object]:

@@ -29,7 +29,7 @@ PLACE = re.compile(
 def parse_fault(text: str, skin: Skin, seed: int = 0) -> DeviceFault:
     """Parse a fault such as `lose=0.1`, `unplug:forearm@5-8` or `stuck:forearm/r3c5`.
 
-    `seed` is that of the random generator that the fault draws from.
+    `seed` starts the random generator that the fault draws from.
 
     Raises:
         ValueError: the text is not a valid fault of this skin.
