@@ -8,11 +8,14 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 from eskin.errors import RecordingError
-from eskin.recording import find_recordings, read_recording
+from eskin.recording import RecordingWriter, find_recordings, read_recording
 from eskin.recording.messages import pack_joint_state
+from eskin.skin import build_grid_skin
+from eskin.touch import Calibration, Scan
 from helpers.recording_files import change_chunk, read_records
 from helpers.recordings import (
     METADATA,
+    SECOND,
     START,
     assert_same_scans,
     make_labels,
@@ -151,6 +154,22 @@ def test_file_that_unpacks_to_far_more_than_its_size_is_refused(path, monkeypatc
     monkeypatch.setattr("eskin.recording.mcap_file.MAX_UNPACKED_RATIO", 0.5)
     with pytest.raises(RecordingError, match="unpacks to"):
         read_recording(path)
+
+
+@pytest.mark.slow
+def test_recording_of_a_large_skin_whose_counts_never_change_is_read(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr("eskin.recording.mcap_file.FREE_UNPACKED_BYTES", 0)
+    skin = build_grid_skin(100, 100)
+    same = np.full(skin.count, 7, np.int32)
+    calibration = Calibration.uniform(skin.count, 4095, 60.0)
+    path = tmp_path / "same.mcap"
+    with RecordingWriter(path, "table", skin, calibration, METADATA, ()) as writer:
+        for number in range(30_000):
+            stamp = START + number * SECOND // 50
+            writer.write(Scan(stamp, same, np.ones(skin.count, bool), np.empty(0)))
+    assert read_recording(path).count == 30_000
 
 
 def test_hole_in_a_file_ends_what_is_read(path, tmp_path):
