@@ -12,7 +12,7 @@ import torch
 
 from eskin.learn import training
 from eskin.learn.checkpoint import Checkpoint, save_checkpoint
-from eskin.learn.dataset import hash_recordings
+from eskin.learn.plan import hash_recordings
 from eskin.learn.recording_transforms import AgingConfig
 from eskin.learn.training import Trainer
 from eskin.live import Model, load_model
@@ -157,7 +157,7 @@ def test_state_of_another_training_is_refused_before_anything_is_prepared(
 ):
     kept = tmp_path / "m.training"
     save_checkpoint(kept, Checkpoint("another training", 1, {}, {}))
-    monkeypatch.setattr("eskin.learn.commands.models.prepare", pytest.fail)
+    monkeypatch.setattr("eskin.learn.training_data.prepare", pytest.fail)
     refuse(eve, "--out", tmp_path / "m", part=f"{kept} is of a training with other")
     assert kept.is_file()
 

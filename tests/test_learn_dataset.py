@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from eskin.learn.dataset import hash_recordings, hold_out, map_graphs, prepare
+from eskin.learn.dataset import hold_out, map_graphs, prepare
+from eskin.learn.plan import hash_recordings
 from eskin.live import GraphConfig, create_empty_batch, join_graphs
 from eskin.recording import PARTLY_LABELLED
 from eskin.touch import ContactConfig, PipelineConfig

@@ -3,9 +3,8 @@
 Contact graphs are laid end to end, in memory or, for sets larger than that, on disk.
 """
 
-import hashlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -124,6 +123,27 @@ class Dataset:
                 f"the recordings, such as {first}, have no labels; allowed are "
                 f"recordings with labels; make some with: eskin label {first}"
             )
+
+    def report_truncated(self, tell: Callable[[str], object]) -> None:
+        """Tell the paths of the recordings whose end is missing."""
+        for recording in self.recordings[: self.original_count]:
+            if recording.truncated:
+                tell(f"{recording.path} is cut or damaged: used up to there")
+
+    def select_classes(self, asked: Sequence[str]) -> tuple[str, ...]:
+        """Return `none` and the gestures to learn: those asked for, or all.
+
+        Raises:
+            RecordingError: if one of them has no label in the recordings.
+        """
+        known = self.vocabulary
+        missing = sorted(set(asked) - set(known))
+        if missing:
+            raise RecordingError(
+                f"no recording is labelled {', '.join(missing)}; labelled are "
+                f"{', '.join(known)}; name some of these with --classes"
+            )
+        return (NONE, *(g for g in known[1:] if not asked or g in asked))
 
     @cached_property
     def starts(self) -> Int[np.ndarray, "row"]:
@@ -261,12 +281,6 @@ def concatenate_recordings(
         clips=tuple(read_clips(recording.path) for recording in recordings),
         copies=copies,
     )
-
-
-def hash_recordings(paths: Sequence[Path]) -> str:
-    """Return SHA-256 over the bytes of recordings, whatever their order."""
-    parts = sorted(hashlib.sha256(path.read_bytes()).hexdigest() for path in paths)
-    return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
 def map_graphs(batches: Iterable[GraphBatch], folder: Path) -> GraphBatch:

@@ -77,6 +77,7 @@ class Trainer:
         rngs = build_generators(seed, config.workers * processes.count)
         first = processes.rank * config.workers
         self.rngs = rngs[first : first + config.workers]
+        self.shear = config.shear and dataset.has_shear
         if recordings is None:
             recordings = list(range(dataset.original_count))
         self.holdout = hold_out(
@@ -85,8 +86,6 @@ class Trainer:
             0.0 if validation else config.validation,
             rngs[0],
         )
-        self.shear = config.shear and dataset.has_shear
-        self.graph = config.select_graph(dataset.has_shear)
         trained = dataset.with_copies(self.holdout.train)
         self.batches = self.build_batches(dataset, trained, config.augment)
         check_classes(self.batches.sampler, vocabulary)

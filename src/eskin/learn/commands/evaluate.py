@@ -335,13 +335,13 @@ def score_clips(
     command: EvaluateCommand, model: Model, paths: Sequence[Path]
 ) -> dict[str, object]:
     """Score recordings gesture by gesture."""
-    from eskin.learn.commands.models import evaluate_model, report_truncated
+    from eskin.learn.commands.models import evaluate_model
     from eskin.learn.plots import draw_confusion, draw_reliability
 
     card = model.card
     overrides = load_overrides(command.calibration, command.robot_urdf)
     dataset = prepare(paths, card.pipeline, card.graph_used, overrides=overrides)
-    report_truncated(print, dataset)
+    dataset.report_truncated(print)
     result = evaluate_model(model, dataset)
     print_clip_score(result)
     if command.picture is not None:

@@ -5,7 +5,7 @@ Commands, examples and notebooks call these functions, so that there is one way.
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
@@ -13,16 +13,11 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Int
 
-from eskin.errors import ModelError, RecordingError
+from eskin.errors import RecordingError
 from eskin.files import shorten
 from eskin.learn.checkpoint import load_checkpoint, to_model, to_network
 from eskin.learn.config import TrainConfig
-from eskin.learn.dataset import (
-    Dataset,
-    hash_recordings,
-    hold_out_takes,
-    prepare,
-)
+from eskin.learn.dataset import Dataset, prepare
 from eskin.learn.evaluation import (
     Evaluation,
     check_fits,
@@ -32,28 +27,18 @@ from eskin.learn.evaluation import (
 from eskin.learn.events import choose_decision, trace_recordings
 from eskin.learn.live_answers import gather_answers
 from eskin.learn.metrics import ClassificationScore, bound_accuracy, label_counts
+from eskin.learn.plan import TrainingPlan, resolve_plan
 from eskin.learn.processes import ALONE, Processes
-from eskin.learn.recording_transforms import Aging, AgingConfig
 from eskin.learn.training import Trainer
-from eskin.live import ESKIN, GraphConfig, Model, ModelCard, NetworkConfig, load_model
+from eskin.learn.training_data import read_training_data
+from eskin.live import ESKIN, Model, load_model
 from eskin.progress import show_line
-from eskin.recording import (
-    NO_OVERRIDES,
-    NONE,
-    Overrides,
-    Recording,
-    find_recordings,
-    read_recording,
-)
-from eskin.units import format_count
+from eskin.recording import Recording, find_recordings, read_recording
 
 logger = logging.getLogger(__name__)
 
 Places = str | Path | Recording | Iterable[str | Path | Recording]
 """Recordings, their paths, or folders of them; one or several."""
-
-SIZES = ("width", "layers", "channels")
-"""Sizes of a network that must be equal for weights to fit another one."""
 
 
 def train(
@@ -244,36 +229,6 @@ class CrossValidation:
 
 
 @dataclass(frozen=True)
-class TrainingPlan:
-    """A training plan holds all that determines a model."""
-
-    recordings: tuple[Path, ...]
-    """Recordings to train on."""
-    start: Model | str | Path | None = None
-    """Model to start from, its name or its path."""
-    validation: tuple[Path, ...] = ()
-    """Recordings to validate on; where there are none, some of the others."""
-    streams: tuple[Path, ...] = ()
-    """Recordings to choose the decision thresholds on."""
-    test: tuple[Path, ...] = ()
-    """Recordings to score the trained model on."""
-    classes: tuple[str, ...] = ()
-    """Gestures to learn; all that are labelled where none is named."""
-    seed: int = 0
-    """Random seed."""
-    config: TrainConfig = field(default_factory=TrainConfig)
-    """Settings of the training."""
-    overrides: Overrides = NO_OVERRIDES
-    """Values in place of what the recordings hold."""
-    pack: Path | None = None
-    """Folder that keeps prepared recordings."""
-    skins: int = 0
-    """Number of other skins on which each recording is learned too."""
-    wear: AgingConfig = field(default_factory=AgingConfig)
-    """Limits of the differences between those skins and the recorded one."""
-
-
-@dataclass(frozen=True)
 class Training:
     """A training holds the model that it gave."""
 
@@ -317,61 +272,27 @@ def run_training(
         ModelError: the model to start from cannot be used, the checkpoint is of
             another training, or training diverged.
     """
-    start = plan.start
-    if start is not None and not isinstance(start, Model):
-        start = load_model(start)
-    plan = take_sizes(plan, start)
-    content = hash_recordings(plan.recordings)
-    facts = describe_plan(plan, content, start)
+    resolved = resolve_plan(plan)
+    plan = resolved.plan
+    facts = resolved.facts
     if checkpoint is not None and processes.is_first:
         # Refused before recordings are prepared, which takes minutes.
         load_checkpoint(checkpoint, f"{facts} {processes.count}")
-    skins = tuple(Aging(plan.wear, number) for number in range(plan.skins))
-    with processes.first_alone():
-        dataset = prepare_recordings(
-            plan, plan.recordings, plan.config.select_graph(), skins
-        )
-        graph = plan.config.select_graph(dataset.has_shear)
-        validation, test = (
-            prepare_recordings(plan, paths, graph) if paths else None
-            for paths in (plan.validation, plan.test)
-        )
-    dataset.check_labelled()
-    report_truncated(tell, dataset, validation, test)
-    vocabulary = select_classes(dataset, plan.classes)
-    share = plan.config.validation
-    takes = ()
-    if validation is None and share and round(share * dataset.original_count) == 0:
-        part, held = hold_out_takes(dataset)
-        if takes := held.labelled:
-            dataset = part
-            validation = held
+    data = read_training_data(plan, processes, tell)
+    card = resolved.build_card(data.vocabulary, data.dataset.has_shear)
+    if data.test is not None:
+        check_fits(card, data.test)
     trainer = Trainer(
-        dataset,
-        vocabulary,
+        data.dataset,
+        data.vocabulary,
         plan.config,
         seed=plan.seed,
-        validation=validation,
-        start=start,
+        validation=data.validation,
+        start=resolved.start,
         processes=processes,
     )
-    if validation is None:
+    if data.validation is None:
         tell(str(trainer.holdout))
-    if takes:
-        tell(
-            f"{format_count(len(takes), 'take')} held out for validation, of the "
-            "recordings that are trained on: other people and days may do worse"
-        )
-    card = ModelCard(
-        vocabulary=trainer.vocabulary,
-        kind="shear" if trainer.shear else "pressure",
-        network=plan.config.network,
-        graph=trainer.graph,
-        training=flatten(asdict(plan.config)) | describe_options(plan, start),
-        data_digest=content,
-    )
-    if test is not None:
-        check_fits(card, test)
     network = trainer.run(checkpoint=checkpoint, facts=facts)
     if not processes.is_first:
         return Training(Model({}, card), trainer.epochs, trainer.stopped, None)
@@ -382,7 +303,9 @@ def run_training(
         metrics={"val_accuracy": accuracy} if trainer.held_out else {},
     )
     model = set_decision(to_model(network, card), plan, tell)
-    scores = None if test is None else score_dataset(network, card, test)
+    scores = None
+    if data.test is not None:
+        scores = score_dataset(network, card, data.test)
     held = None
     if trainer.held_out is not None:
         recordings = trainer.held_recordings
@@ -405,72 +328,6 @@ def evaluate_model(model: Model, dataset: Dataset) -> Evaluation:
     return score_dataset(network, model.card, dataset)
 
 
-def report_truncated(tell: Callable[[str], object], *datasets: Dataset | None) -> None:
-    """Tell the paths of the recordings whose end is missing."""
-    for dataset in datasets:
-        if dataset is not None:
-            for recording in dataset.recordings[: dataset.original_count]:
-                if recording.truncated:
-                    tell(f"{recording.path} is cut or damaged: used up to there")
-
-
-def take_sizes(plan: TrainingPlan, start: Model | None) -> TrainingPlan:
-    """Return the plan with a network of the sizes of the model to start from.
-
-    Raises:
-        ModelError: when other sizes are asked for.
-    """
-    if start is None:
-        return plan
-    asked = plan.config.network
-    usual = NetworkConfig()
-    theirs = {size: getattr(start.card.network, size) for size in SIZES}
-    ours = {size: getattr(asked, size) for size in SIZES}
-    if any(ours[size] not in (theirs[size], getattr(usual, size)) for size in SIZES):
-        raise ModelError(
-            f"--start {name_start(plan)} has a network of {format_sizes(theirs)}, the "
-            f"one asked for {format_sizes(ours)}; allowed are the same sizes; leave "
-            "out " + " ".join(f"--train.network.{size}" for size in SIZES)
-        )
-    network = replace(asked, **theirs)
-    return replace(plan, config=replace(plan.config, network=network))
-
-
-def name_start(plan: TrainingPlan) -> str:
-    """Return the name of the model to start from; empty for one without a file."""
-    return "" if isinstance(plan.start, Model | None) else str(plan.start)
-
-
-def format_sizes(sizes: Mapping[str, int]) -> str:
-    """Format the sizes of a network for an error message."""
-    return ", ".join(f"{size} {number}" for size, number in sizes.items())
-
-
-def describe_plan(plan: TrainingPlan, content: str, start: Model | None) -> str:
-    """Describe data and settings, which a checkpoint must share.
-
-    Args:
-        plan: what to train.
-        content: digest of the recordings to train on.
-        start: model to start from.
-    """
-    facts = f"{content} {plan.classes} {plan.config} {plan.seed} {plan.skins}"
-    facts += f" {plan.wear}" if plan.skins else ""
-    facts += f" {hash_recordings(plan.validation)}" if plan.validation else ""
-    facts += f" {start.digest}" if start else ""
-    return f"{facts} {plan.overrides.digest}"
-
-
-def describe_options(plan: TrainingPlan, start: Model | None) -> dict[str, str]:
-    """Return the options of a plan that the card stores besides the training."""
-    facts = {"seed": str(plan.seed), "skins": str(plan.skins)}
-    if start is not None:
-        facts |= {"start": Path(name_start(plan)).stem, "start_digest": start.digest}
-    if plan.overrides.digest:
-        facts["overrides"] = plan.overrides.digest
-    return facts | (flatten(asdict(plan.wear), "wear.") if plan.skins else {})
-
-
 def set_decision(
     model: Model, plan: TrainingPlan, tell: Callable[[str], object]
 ) -> Model:
@@ -483,47 +340,3 @@ def set_decision(
     tell(f"{decision}: F1 {score.total.f1:.3f} on {score.hours:.2f} h of streams")
     metrics = model.card.metrics | {"streams_f1": score.total.f1}
     return replace(model, card=replace(model.card, decision=decision, metrics=metrics))
-
-
-def prepare_recordings(
-    plan: TrainingPlan,
-    paths: tuple[Path, ...],
-    graph: GraphConfig,
-    skins: tuple[Aging, ...] = (),
-) -> Dataset:
-    """Prepare recordings of a plan."""
-    return prepare(
-        paths,
-        graph=graph,
-        pack=plan.pack,
-        workers=plan.config.workers,
-        transforms=(None, *skins),
-        overrides=plan.overrides,
-    )
-
-
-def select_classes(dataset: Dataset, asked: tuple[str, ...]) -> tuple[str, ...]:
-    """Return `none` and the gestures to learn.
-
-    Raises:
-        RecordingError: if one of them has no label in the recordings.
-    """
-    known = dataset.vocabulary
-    missing = sorted(set(asked) - set(known))
-    if missing:
-        raise RecordingError(
-            f"no recording is labelled {', '.join(missing)}; labelled are "
-            f"{', '.join(known)}; name some of these with --classes"
-        )
-    return (NONE, *(g for g in known[1:] if not asked or g in asked))
-
-
-def flatten(config: dict[str, object], prefix: str = "") -> dict[str, str]:
-    """Flatten a nested configuration to one level of text."""
-    entries: dict[str, str] = {}
-    for name, value in config.items():
-        if isinstance(value, dict):
-            entries |= flatten(value, f"{prefix}{name}.")
-        else:
-            entries[prefix + name] = str(value)
-    return entries

@@ -87,7 +87,8 @@ def run(command: TrainCommand) -> dict[str, object]:
 
 def train(command: TrainCommand, processes: "Processes") -> dict[str, object]:
     """Train as one of some processes; only the first one returns a result."""
-    from eskin.learn.commands.models import TrainingPlan, run_training
+    from eskin.learn.commands.models import run_training
+    from eskin.learn.plan import TrainingPlan
 
     started = time.monotonic()
     if processes.is_first:
