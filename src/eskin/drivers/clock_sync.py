@@ -12,10 +12,12 @@ from eskin.drivers.clock import (
 from eskin.drivers.packet import DEVICE_TIME_SPAN, SCAN_NUMBER_SPAN
 from eskin.units import NS_PER_S
 
+# Numbers of scans.
 SCAN_WINDOW = 64
 """Number of scans that are tracked one by one."""
 ALL_SEEN = (1 << SCAN_WINDOW) - 1
 
+# Times by which a clock is told from another.
 US_PER_S = 1_000_000
 MAX_REORDERING = US_PER_S // 2
 """Largest delay of a packet relative to one that was sent later [us]."""
@@ -32,11 +34,15 @@ MAX_LATE = NS_PER_S
 SETTLE_TIME = NS_PER_S // 10
 """How long a new clock is observed before it is accepted [ns]."""
 SETTLE_SCANS = 3
+
+# Age of packets of a patch with echoes.
 MAX_UNCERTAINTY = NS_PER_S // 20
 """How much later than at the earliest possible time a packet of a patch with echoes may
 be believed to be made [ns]: so much older than it seems it may be at most."""
 MAX_AGE = NS_PER_S // 10
 """Age on arrival from which a packet of a patch with echoes is late [ns]."""
+
+# Memory of packets.
 DIGEST_BITS = 1 << 22
 """Number of digests of which a memory of packets keeps two sets."""
 MAX_DIGESTS = DIGEST_BITS // 4

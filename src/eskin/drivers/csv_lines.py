@@ -18,18 +18,23 @@ from eskin.drivers.packet import Framing
 from eskin.errors import DeviceError
 from eskin.files import parse_number
 
-MAX_LINE_BYTES = 1 << 16
-"""Longest line."""
+# Names and units of the time.
 UNITS = {"ns": 1e-3, "us": 1.0, "ms": 1e3, "s": 1e6}
 """Units of time [us]."""
 TIME_NAMES = ("t", "ts", "time", "timestamp", "millis", "micros")
 """Names of the time in a JSON object, in small letters."""
 TIME_PART = re.compile(r"time|stamp|(?:^|_)t?(?:ns|us|ms|s)$")
 """Part of another name that is one of a time."""
+
+# Limits of a line, and of the names in a message.
+MAX_LINE_BYTES = 1 << 16
+"""Longest line."""
 MAX_NAMES = 4
 """Largest number of names in a message."""
 MAX_NAME = 24
 """Largest number of characters of each of them."""
+
+# Parts of a line.
 END = re.compile(rb"\r\n|\n\r|\n|\r")
 COLOURS = re.compile(rb"\x1b\[[\d;]*[A-Za-z]")
 """Codes by which a terminal changes colours or the place of what follows."""
@@ -40,6 +45,8 @@ NUMBERS = re.compile(rb"[-+.\deEnNaA,; \t]*")
 HEXADECIMAL = re.compile(rb"[\da-fA-FxX,; \t]*")
 AROUND = re.compile(rb" *([,;\t]) *")
 SEPARATOR = re.compile(rb"[,;\t]| +")
+
+# Options of an address.
 OPTION = re.compile(r"(.*),([a-z]+)=([^,]*)", re.DOTALL)
 CHOICES = {
     "time": (*UNITS, "ignore", "none"),

@@ -21,6 +21,7 @@ from jaxtyping import UInt16
 
 from eskin.errors import PacketError
 
+# Versions, and kinds of packets.
 VERSION_1 = 1
 VERSION_2 = 2
 HELLO = 1
@@ -35,9 +36,8 @@ KINDS = {
 """Kinds of packets of each version."""
 SEALED = 0x80
 """Bit of the kind of a packet of version 2 that has a seal."""
-MAX_PACKET_BYTES = 1400
-"""Largest packet: with UDP and IP headers it still fits every Ethernet frame."""
 
+# Layouts of the header, of the body of each kind, and of what ends a packet.
 HEADER = struct.Struct("<BBHHI")
 HELLO_BODY = struct.Struct("<HHHHQB")
 DATA_BODY = struct.Struct("<HH")
@@ -49,6 +49,11 @@ SEAL = struct.Struct("<Q16s")
 CRC = struct.Struct("<I")
 CRC_RESIDUE = 0x2144DF1C
 """CRC-32 of any bytes that are followed by their own CRC-32."""
+COUNT_TYPE = np.dtype("<u2")
+
+# Sizes, and limits of what is in a packet.
+MAX_PACKET_BYTES = 1400
+"""Largest packet: with UDP and IP headers it still fits every Ethernet frame."""
 MIN_PACKET_BYTES = HEADER.size + CRC.size
 MAX_FIRMWARE_BYTES = 255
 MAX_COUNTS = (MAX_PACKET_BYTES - HEADER.size - DATA_BODY.size - CRC.size) // 2
@@ -56,10 +61,11 @@ MAX_SEALED_COUNTS = MAX_COUNTS - SEAL.size // 2
 """Largest number of counts of a packet with a seal."""
 CHALLENGE_BYTES = 16
 """Size of the challenge in a request."""
-COUNT_TYPE = np.dtype("<u2")
 MAX_COUNT = 2**16 - 1
 """Largest count that a packet can hold."""
 MAX_ADDRESS = 2**16 - 1
+
+# Numbers that wrap.
 SCAN_NUMBER_SPAN = 1 << 16
 """Number of scan numbers before they wrap."""
 DEVICE_TIME_SPAN = 1 << 32

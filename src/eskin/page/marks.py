@@ -87,12 +87,15 @@ class GripperModel(PagePart):
                 finger.position = (side * FINGER_OFFSETS[state], 0.0, 0.084)
 
 
+# Rings around contacts.
 MAX_RINGS = 4
 """Greatest number of rings on one link."""
 HIDDEN_RADIUS = 1e-6
 """Radius of a ring that is not in use [m]."""
 RING_LIFT = 0.006
 """Distance of the rings from the skin [m]."""
+RING_MARGIN = 0.008
+"""Difference between the radii of a ring and its contact [m]."""
 SEGMENTS = 40
 """Number of segments of a ring."""
 RING_PROFILE = ((0.84, 0.0), (1.0, 0.0))
@@ -101,10 +104,14 @@ ARROW_PROFILE = ((0.0, 0.0), (0.12, 0.3), (0.04, 0.3), (0.04, 1.0), (0.0, 1.0))
 its tip at zero: the head, its underside, the shaft, and the end."""
 RING = (0, 90, 181)
 """Blue, distinct from the whole colour scale for people of any colour vision."""
+
+# Arrows of forces.
 ARROW_BASE = 0.03
 ARROW_PER_NEWTON = 0.006
 ARROW_LONGEST = 0.15
 """Length of the arrow of a force: without force, for each newton, at most [m]."""
+
+# Labels.
 NAMED = 3
 """Greatest number of contacts with their name."""
 LETTER_WIDTH = 6.0
@@ -113,8 +120,6 @@ LINE_HEIGHT = 18.0
 """Height of a label at a scale of 1 [px]."""
 DETECTION_SCALE = 1.25
 """Scale of the label of a detection."""
-RING_MARGIN = 0.008
-"""Difference between the radii of a ring and its contact [m]."""
 LABEL_SECONDS = 2.0
 """Time that a floating label is shown [s]."""
 

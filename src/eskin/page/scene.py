@@ -23,6 +23,7 @@ from eskin.page.messages import (
 from eskin.skin.colours import ColourScale
 from eskin.transforms import apply, invert, matrix_to_quaternion, rotate
 
+# Discs and pads of taxels.
 CORNERS = 12
 """Number of corners of a disc."""
 LIFT = 0.0012
@@ -37,6 +38,10 @@ DEPTH = 0.5
 """Depth of the cone under a disc or pad, by its radius."""
 LINEAR = np.round(255 * (np.arange(256) / 255) ** 2.2).astype(np.uint8)
 """Linear intensity of each sRGB step: viser expects linear colours for instances."""
+SCALE = 60.0
+"""Initial pressure of the lightest colour [kPa]; the user can change it."""
+
+# Camera and mouse.
 FIELD_OF_VIEW = 0.7
 """Vertical field of view of the camera [rad]."""
 PICTURE_HEIGHT = 720
@@ -45,20 +50,22 @@ NARROW = 1.0
 """Width of a window by its height below which the camera is further away."""
 MAX_RAY_DISTANCE = 0.015
 """Greatest distance from a ray to the centre of a taxel that it hits [m]."""
-SCALE = 60.0
-"""Initial pressure of the lightest colour [kPa]; the user can change it."""
+
+# Panel.
 WIDTH = 320
 WIDER = 400
 """Width of the panel, and of a panel with two columns [px]."""
+BOTTOM = 1e9
+"""Order of what is below all else in the panel."""
+BRAND = (31, 120, 137)
+
+# Place of work, and the robot in it.
 TABLE = (203, 190, 168)
 """Colour of a table under a place of the task."""
 PART = 0.045
 """Length of the edge of a part [m]."""
 GRID = (150, 158, 170)
 """Colour of the lines on the ground."""
-BOTTOM = 1e9
-"""Order of what is below all else in the panel."""
-BRAND = (31, 120, 137)
 MIN_POSE_CHANGE = 1e-5
 """Change of a pose below which a frame is not moved, per component [1 or m]."""
 

@@ -35,33 +35,12 @@ from eskin.robot.shapes import (
 )
 from eskin.transforms import make_transform, quaternion_to_matrix, rpy_to_matrix
 
+# Names in a URDF.
 KINDS = get_args(JointKind)
 BASE_KINDS = ("floating", "planar")
 """Kinds of joints by which a robot may stand in the world; they are taken as fixed."""
-MAX_URDF_BYTES = 8 << 20
-"""Largest size of a URDF [bytes]."""
-MAX_ELEMENTS = 100_000
-MAX_DEPTH = 50
-"""Largest number of XML elements, and of elements inside each other."""
-MAX_LINKS = MAX_JOINTS = 1000
-MAX_GEOMS = 2000
-"""Largest numbers of links, joints, and collision shapes of all links."""
-MAX_TEXT = 1000
-"""Largest length of an attribute that is used, such as a name."""
 POSE = {"xyz", "rpy", "quat_xyzw"}
 """Attributes of an <origin>."""
-LARGE = 5.0
-"""Length from which its unit is doubted [m]."""
-MAX_SIZE = 1e6
-"""Largest length [m]."""
-METRES = "divide by 1000: lengths of a URDF are in metres"
-TURN = 2 * np.pi + 0.01
-"""Angle of an <origin> from which its unit is doubted [rad]."""
-TURNS = 4 * np.pi
-"""Limit of a joint from which its unit is doubted [rad]."""
-ENDLESS = 1e4
-"""Limit from which a joint is taken as one without limits [rad] or [m]."""
-RADIANS = "divide by 57.29578: angles of a URDF are in radians"
 PARENTS = {
     "link": ("robot",),
     "joint": ("robot",),
@@ -77,7 +56,34 @@ PARENTS = {
     "mimic": ("joint",),
 }
 """Elements in which others may stand. What other programs add is not looked into."""
+
+# Limits of a file.
+MAX_URDF_BYTES = 8 << 20
+"""Largest size of a URDF [bytes]."""
+MAX_ELEMENTS = 100_000
+MAX_DEPTH = 50
+"""Largest number of XML elements, and of elements inside each other."""
+MAX_LINKS = MAX_JOINTS = 1000
+MAX_GEOMS = 2000
+"""Largest numbers of links, joints, and collision shapes of all links."""
+MAX_TEXT = 1000
+"""Largest length of an attribute that is used, such as a name."""
+MAX_SIZE = 1e6
+"""Largest length [m]."""
+
+# Numbers whose unit is doubted, and what is said then.
+LARGE = 5.0
+"""Length from which its unit is doubted [m]."""
+METRES = "divide by 1000: lengths of a URDF are in metres"
+TURN = 2 * np.pi + 0.01
+"""Angle of an <origin> from which its unit is doubted [rad]."""
+TURNS = 4 * np.pi
+"""Limit of a joint from which its unit is doubted [rad]."""
+ENDLESS = 1e4
+"""Limit from which a joint is taken as one without limits [rad] or [m]."""
+RADIANS = "divide by 57.29578: angles of a URDF are in radians"
 RUN_XACRO = "run xacro first, as in 'xacro FILE > out.urdf'"
+
 logger = logging.getLogger(__name__)
 
 

@@ -17,12 +17,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# Unrolled patches with their captions.
 COLOURS = (
     "#3b6fb6 #e08a2e #4a9b5c #c94f4f #8a63b8 #8c6a4f "
     "#d77fb4 #2fa3a8 #b3a22f #5f6f86 #7fb34a #a8456e"
 ).split()
-VIEWS = ((-60.0, 18.0), (120.0, 18.0))
-"""Azimuth and elevation of the camera in each view of the robot [deg]."""
 SPACE = 0.12
 """Distance between unrolled patches in a picture [in]."""
 FONT_SIZE = 8
@@ -31,16 +30,20 @@ LETTER = 0.6 * FONT_SIZE / 72
 """Mean width of a letter of a caption, with some room [in]."""
 CAPTION = 3.0 * FONT_SIZE / 72
 """Height of a caption of two lines, with some room [in]."""
+MAX_LABELS = 24
+"""Number of patches up to which they have labels."""
 UNROLLED_WIDTH = 6.0
 """Usual width of the unrolled patches in a picture [in]."""
 MAX_HEIGHT = 8.0
 """Greatest height of a picture of values [in]."""
 SCALE_WIDTH = 1.0
 """Width of the scale of values beside them [in]."""
-MAX_LABELS = 24
-"""Number of patches up to which they have labels."""
 BARS = (0.05, 0.01)
 """Length of the scale bar, and of the bar of a skin too small for it [m]."""
+
+# Views of the robot.
+VIEWS = ((-60.0, 18.0), (120.0, 18.0))
+"""Azimuth and elevation of the camera in each view of the robot [deg]."""
 ROBOT_COLOUR = "#d8dade"
 SKIN_LIFT = 0.9
 """Distance by which taxels are drawn in front of the robot's surface, in taxels."""
