@@ -20,7 +20,7 @@ import eskin.__main__
 import eskin.cli.main as main_module
 from eskin.cli.main import BAD_INPUT, COMMANDS, STOPPED, load_command, main, run
 from eskin.cli.options import list_options
-from eskin.cli.parse_errors import rewrite_parse_error
+from eskin.cli.parse_errors import REWRITTEN, flatten, rewrite_parse_error
 from eskin.errors import PlatformError
 from eskin.registry import advise_install
 from helpers.guided import make_scans, record, rest
@@ -367,6 +367,43 @@ def test_json_is_last_line_where_asked(capsys):
 )
 def test_error_of_parser_is_reduced_to_its_words(text, expected):
     assert rewrite_parse_error(text, "train") == f"eskin train: {expected}"
+
+
+TOLD_BY_TYRO = (
+    "train",
+    "train a --out",
+    "convert glove in out",
+    "train a --out m --seed x",
+    "run --source a --seconds x",
+    "run --source a --q 1 b",
+    "export a --to parquet",
+    "train a --out m --train.shares a b",
+    "train a --out m --train.shares a b c",
+    "train a --out m --train.epochs 0",
+    "train a --out m --train.epochs x",
+)
+"""Words that tyro refuses, each in a form of its own."""
+
+
+def test_patterns_are_those_of_what_the_installed_tyro_prints(monkeypatch, capsys):
+    texts = []
+
+    def note(message, name, options=()):
+        texts.append(flatten(message))
+        return "refused"
+
+    monkeypatch.setattr(main_module, "rewrite_parse_error", note)
+    for words in TOLD_BY_TYRO:
+        assert run(words.split()) == BAD_INPUT
+    assert len(texts) == len(TOLD_BY_TYRO)
+    used = {
+        pattern
+        for pattern, _ in REWRITTEN
+        for text in texts
+        if re.search(pattern, text)
+    }
+    assert used == {pattern for pattern, _ in REWRITTEN}
+    assert all(any(re.search(one, text) for one in used) for text in texts)
 
 
 @pytest.mark.parametrize("name", ["stdout", "stderr"])

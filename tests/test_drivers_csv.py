@@ -418,6 +418,16 @@ def test_time_of_an_object_is_known_by_its_name(name, others):
     assert len(read_lines(line, texts, 40 * MS)) > 70 and not line.refused
 
 
+FINITE = st.none() | st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(scale=FINITE, offset=FINITE, missing=FINITE, label=st.sampled_from(["", "a.0"]))
+def test_address_of_a_form_is_read_back_as_that_form(scale, offset, missing, label):
+    form = LineForm("pad", "ms", "ignore", "point", "16", label, scale, offset, missing)
+    (address,) = shlex.split(form.format())
+    assert LineForm.parse(address.removeprefix("csv:")) == form
+
+
 def test_object_with_several_numbers_of_which_none_is_named_as_a_time_is_refused():
     text = json.dumps({"temperature": 25.5, "n": 4, "v": COUNTS}).encode() + b"\n"
     line = open_line(",time=ms")

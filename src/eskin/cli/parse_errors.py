@@ -1,7 +1,10 @@
 """This module rewrites the errors of tyro, which parses the arguments of commands.
 
 tyro draws boxes, and speaks of types of Python. What it says is reduced to one line
-that names the option, the given and the allowed values, and what to do.
+that names the option, the given and the allowed values, and what to do. tyro makes its
+errors public as printed text alone: their classes are in `tyro._errors`, which may
+change with any release. So this is the one module that reads sentences of another
+program, and a test compares its patterns with the output of the installed tyro.
 """
 
 import re

@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import Any, Literal, final, get_args
 
 import numpy as np
 
@@ -48,13 +48,17 @@ SEPARATOR = re.compile(rb"[,;\t]| +")
 
 # Options of an address.
 OPTION = re.compile(r"(.*),([a-z]+)=([^,]*)", re.DOTALL)
-CHOICES = {
-    "time": (*UNITS, "ignore", "none"),
-    "last": ("ignore",),
-    "decimal": ("comma", "point"),
-    "base": ("10", "16"),
+TimeForm = Literal["", "ns", "us", "ms", "s", "ignore", "none"]
+LastForm = Literal["", "ignore"]
+DecimalForm = Literal["", "comma", "point"]
+BaseForm = Literal["", "10", "16"]
+CHOICES: dict[str, tuple[str, ...]] = {
+    "time": get_args(TimeForm)[1:],
+    "last": get_args(LastForm)[1:],
+    "decimal": get_args(DecimalForm)[1:],
+    "base": get_args(BaseForm)[1:],
 }
-"""Options with the values that each may have."""
+"""Options with the words that each may have."""
 QUANTITIES = ("scale", "offset", "missing")
 """Options that are numbers."""
 ALLOWED_OPTIONS = (
@@ -70,23 +74,23 @@ class LineForm:
 
     path: str
     """Path of the port's device file."""
-    time: str = ""
+    time: TimeForm = ""
     """Unit of the time that a line begins with; `ignore` leaves the first number out,
     `none` says that there is no time. Empty: a time follows an @ and is in us."""
-    last: str = ""
+    last: LastForm = ""
     """`ignore` leaves the last number of a line out."""
-    decimal: str = ""
+    decimal: DecimalForm = ""
     """Mark before the decimals of a number: `comma` or `point`."""
-    base: str = ""
+    base: BaseForm = ""
     """Base of the numbers: 10 or 16."""
     label: str = ""
     """What a line begins with, where * stands for any text; others are left out."""
-    scale: str = ""
-    """Counts of a number 1."""
-    offset: str = ""
-    """Count of a number 0."""
-    missing: str = ""
-    """Number of a cell that is missing."""
+    scale: float | None = None
+    """Counts of a number 1; None for 1, where numbers are no fractions."""
+    offset: float | None = None
+    """Count of a number 0; None for 0."""
+    missing: float | None = None
+    """Number of a cell that is missing; None where none stands for it."""
 
     @classmethod
     def parse(cls, text: str) -> "LineForm":
@@ -109,17 +113,25 @@ class LineForm:
             raise DeviceError(
                 f"options of csv:{text} are {given}; allowed are {ALLOWED_OPTIONS}"
             )
-        return cls(text, **options)
+        return cls(text).change(options)
 
     def change(self, options: dict[str, str]) -> "LineForm":
-        """Return the form with other options."""
-        return replace(self, **options)
+        """Return the form with other options, as they are written in an address."""
+        values: dict[str, Any] = {
+            name: parse_number(word) if name in QUANTITIES else word
+            for name, word in options.items()
+        }
+        return replace(self, **values)
 
     def format(self) -> str:
         """Return the address of the port with its options, as a shell takes it."""
         options = asdict(self)
         path = options.pop("path")
-        words = [f"{name}={value}" for name, value in options.items() if value]
+        words = [
+            f"{name}={str(value).removesuffix('.0') if name in QUANTITIES else value}"
+            for name, value in options.items()
+            if value not in ("", None)
+        ]
         return shlex.quote(",".join([f"csv:{path}", *words]))
 
     @cached_property

@@ -10,6 +10,7 @@ all bytes before the star, in two hexadecimal digits. Options in the address of 
 name other forms; where two forms are possible, a line is refused until one is named.
 """
 
+import math
 import select
 import zlib
 from collections import Counter, deque
@@ -149,9 +150,9 @@ class MatrixLine:
         self.patch = patch
         self.deframer = LineDeframer()
         self.unit = "us" if form.time in ("", "none") else form.time
-        self.scale = float(form.scale or 1)
-        self.offset = float(form.offset or 0)
-        self.missing = float(form.missing or "nan")
+        self.scale = 1.0 if form.scale is None else form.scale
+        self.offset = 0.0 if form.offset is None else form.offset
+        self.missing = math.nan if form.missing is None else form.missing
         self.place = skin.patches[patch]
         taxels = skin.find_taxels(self.place.id)
         self.taxels = len(taxels)
@@ -521,7 +522,7 @@ class MatrixLine:
                 raise LineError(LineProblem.CELL_NUMBERS.reason())
         received = ~(np.isnan(values) | (values == self.missing))
         values = np.where(received, values, 0)
-        if not self.form.scale and values.max() < MIN_FRACTIONS:
+        if self.form.scale is None and values.max() < MIN_FRACTIONS:
             if (values % 1).any():
                 raise LineError(
                     LineProblem.FRACTIONS.reason(limit=MIN_FRACTIONS),
