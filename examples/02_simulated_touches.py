@@ -26,7 +26,7 @@ class Example:
 
 
 def main(example: Example) -> None:
-    """Print what is recognised, as it is recognised."""
+    """Print each gesture as it is recognised."""
     # Without a pace, a simulation runs in real time.
     config = eskin.SourceConfig(pace=math.inf, seed=example.seed)
     with eskin.open_source("sim:ur5", config=config) as source:

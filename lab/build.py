@@ -66,7 +66,7 @@ class Command:
     """Build wheel and sdist, and try core and extras each in an environment."""
 
     only: tuple[str, ...] = ()
-    """Names of what is tried: core, or extras; all unless given."""
+    """Parts that are tried: core, or extras; all unless given."""
 
     out: Path = ROOT / "dist"
     """Folder of wheel and sdist."""

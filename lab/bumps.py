@@ -135,7 +135,7 @@ def strike(
         ball: the ball.
         approach: velocity into the skin, of the follower too.
         sliding: velocity along the skin, positive.
-        slip: that of its lowest point; `sliding` without spin.
+        slip: slip of its lowest point; `sliding` without spin.
         follower: body that pushes the ball, if any.
     """
     damping = find_damping(ball.restitution) / approach

@@ -31,7 +31,7 @@ class Case:
 
     folder: str
     command: str
-    """Command for the shell; `python` and `eskin` are those of this environment."""
+    """Command for the shell; `python` and `eskin` are from this environment."""
     wanted: tuple[str, ...]
     """Patterns that the output has to contain."""
     unwanted: tuple[str, ...] = ("Traceback", "Segmentation")
@@ -42,7 +42,7 @@ class Case:
     """Memory that it may use [kB]; a browser reserves much more than it uses."""
 
     def run(self, folder: Path) -> str:
-        """Run it in a folder; return what is wrong, empty if nothing is."""
+        """Run it in a folder; return the mistake, empty if there is none."""
         binaries = Path(sys.executable).parent
         path = f"{binaries}{os.pathsep}{os.environ['PATH']}"
         try:

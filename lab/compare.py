@@ -59,7 +59,7 @@ class CompareCommand:
     """Labelled recordings of one skin, or folders of them, in place of sets."""
 
     hold_out: Group = "subject"
-    """What is held out of the recordings at a time."""
+    """Part of the recordings that is held out at a time."""
 
     shear: bool = True
     """Whether methods use the shear of recordings whose skin measures it."""

@@ -1,4 +1,4 @@
-"""Press matrices with crosstalk and dead lines, and count what is left out.
+"""Press matrices with crosstalk and dead lines, and count taxels left out.
 
     python -m lab.crosstalk play OUT.json           # all parts, by the eskin imported
     python -m lab.crosstalk play OUT.json --quick   # one seed of 40 s

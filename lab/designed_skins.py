@@ -36,7 +36,7 @@ class ExampleSkin:
     """An example says how a skin is designed; without a robot it comes with eskin."""
 
     text: str
-    """What is covered."""
+    """Covered part of the robot."""
     robot: str = ""
     """URDF of the robot in example-robot-data."""
     density: float = 1.5

@@ -22,7 +22,7 @@ def run_program(
 
     Args:
         function: takes the dataclass `command`, whose fields are the options.
-        argv: arguments; those of the process unless given.
+        argv: arguments; the process's own unless given.
     """
     kind = inspect.signature(function).parameters["command"].annotation
     spec = sys.modules[function.__module__].__spec__

@@ -172,7 +172,7 @@ def cut_runs(
 
 
 def read_sleeve(folder: Path) -> Iterator[Trial]:
-    """Read the labelled runs of the sleeve set, and what is between them, cut likewise.
+    """Read the labelled runs of the sleeve set, and those between them, cut likewise.
 
     Its people are not known; the subject is the session. The sleeve presses where it
     is worn: what each taxel reads in the median of the instants without label is

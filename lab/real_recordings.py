@@ -54,7 +54,7 @@ class RealCommand:
     data: Path
     """Folder of the data set, as downloaded."""
     work: Path = Path("sets")
-    """Folder that keeps recordings, what is prepared of them, and answers."""
+    """Folder that keeps recordings, prepared recordings, and answers."""
     seeds: int = 1
     """Number of trainings of each method."""
     methods: tuple[str, ...] = ()

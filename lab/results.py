@@ -443,7 +443,7 @@ class ResultsCommand:
 
 
 def find_commit(root: Path) -> str:
-    """Find the last commit that changed what is measured, with `+` for open changes.
+    """Find the last commit that changed the measured code, with `+` for open changes.
 
     Raises:
         ValueError: this is no clone.
@@ -459,7 +459,7 @@ def find_commit(root: Path) -> str:
 
 
 def run_git(root: Path, *words: str) -> str:
-    """Run a command of git on what is measured, and return what it prints."""
+    """Run a command of git on the measured code, and return what it prints."""
     argv = ["git", *words, "--", *MEASURED]
     done = subprocess.run(argv, cwd=root, capture_output=True, text=True, check=True)
     return done.stdout.strip()
@@ -471,7 +471,7 @@ def find_file(sets: Path, part: Part) -> Path:
 
 
 def read_outputs(sets: Path, part: Part) -> dict[str, KeptOutput]:
-    """Read what is kept of a part, by its commands; others are left out."""
+    """Read the kept outputs of a part, by its commands; others are left out."""
     path = find_file(sets, part)
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     heads = list(ANSWER.finditer(text))
@@ -491,7 +491,7 @@ def read_outputs(sets: Path, part: Part) -> dict[str, KeptOutput]:
 
 
 def write_outputs(sets: Path, part: Part, outputs: dict[str, KeptOutput]) -> None:
-    """Write what is kept of a part, in the order of its commands."""
+    """Write the kept outputs of a part, in the order of its commands."""
     chosen = [outputs[command] for command in part.commands if command in outputs]
     with atomic_path(find_file(sets, part)) as path:
         path.write_text("\n".join(each.format() for each in chosen), encoding="utf-8")
@@ -616,7 +616,7 @@ def run_part(part: Part, command: ResultsCommand, commit: str, end: float) -> No
 
 
 def list_parts(parts: Sequence[Part], sets: Path, commit: str) -> Iterator[str]:
-    """Yield the rows of a table that tells what is done of each part."""
+    """Yield the rows of a table that tells how much of each part is done."""
     yield format_head(
         ("part", "heading", "done", "of commit", "minutes", "goes on from")
     )

@@ -21,7 +21,7 @@ def made_set(
         sets: folder of all sets.
         name: name of the set.
         skin: name of the skin.
-        clips: number of clips; that of the set if None.
+        clips: number of clips; the set's number if None.
         people: number of people; chosen by the number of clips if None.
         seed: random seed.
         workers: number of processes.

@@ -364,7 +364,7 @@ def draw_pads(rng: np.random.Generator, apart: bool, least: int = 1) -> FlatDevi
 def build_device(
     rows: int, columns: int, pitch: float, side: float | None = None
 ) -> FlatDevice:
-    """Build a grid whose cells have a side [m]; that of the pitch unless given."""
+    """Build a grid whose cells have a side [m]; the pitch unless given."""
     skin = build_grid_skin(rows, columns, pitch, calibrated=True)
     return FlatDevice(skin, side or pitch, pitch)
 

@@ -74,7 +74,7 @@ class Command:
     keep: Path | None = None
     """File to which a line of JSON is appended for each try."""
     seed: int = 61000
-    """Seed of the first build and its people; those of each kind begin 100 later."""
+    """Seed of the first build and its people; each kind begins 100 later."""
     workers: int = 1
     """Number of processes."""
 

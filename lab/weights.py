@@ -166,7 +166,7 @@ class Command:
 
 
 def main() -> None:
-    """Generate what is missing, and train."""
+    """Generate missing sets, and train."""
     command = tyro.cli(Command)
     command.out.mkdir(parents=True, exist_ok=True)
     for name in command.weights:

@@ -99,7 +99,7 @@ class Claim:
     load: Callable[[], tuple[Calibration, Model]]
     """Reads the file."""
     full_scale: int | None = None
-    """Full scale of the converter, where it is not that of the sensor's build."""
+    """Full scale of the converter, where the sensor's build has another."""
 
 
 @dataclass(frozen=True)

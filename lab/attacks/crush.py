@@ -345,7 +345,7 @@ def simulate(command: Command, crushes: bool) -> Iterator[tuple[Plan, list]]:
 
 
 def main(command: Command) -> None:
-    """Print the table of crushes, then that of touches that are kept."""
+    """Print the table of crushes, then the table of touches that are kept."""
     print(format_head(HEAD), flush=True)
     for plan, events in simulate(command, True):
         print(format_crushes(plan, events), flush=True)

@@ -42,7 +42,7 @@ LIMIT = 0.15
 """Age that nothing obeyed may exceed [s]."""
 
 Attack = Callable[[Iterable[Arrival], np.random.Generator], Iterator[Arrival]]
-"""Gives what arrives, in any order, from what is sent at once."""
+"""Gives the arrivals, in any order, of packets that are sent at once."""
 
 
 def shift(arrival: Arrival, delay: float) -> Arrival:

@@ -41,7 +41,7 @@ Law = tuple[float, float]
 Hits = list[tuple[float, float, float]]
 """Start [s], duration [s] and largest force [N] of each contact."""
 Where = Literal["near", "row", "patch"]
-"""Taxels that are disturbed: all near a point, those of one row, or of one patch."""
+"""Taxels that are disturbed: all near a point, of one row, or of one patch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +255,7 @@ def build_hold(hits: Hits, rise: float = 0.15) -> Series:
 
 
 def build_level(hits: Hits) -> Series:
-    """Build what is constant during each contact, and zero between them."""
+    """Build a series that is constant during each contact, and zero between them."""
     end = max(start + duration for start, duration, _ in hits)
     level = np.zeros(round(end / STEP) + 1)
     for start, duration, size in hits:

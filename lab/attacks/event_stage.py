@@ -51,9 +51,9 @@ CONTACTS = 22.0
 ARMS = ("paused", "slow", "working")
 """Arms that each event meets."""
 Line = dict[str, Any]
-"""What is kept of an event."""
+"""Kept record of an event."""
 Disturbance = Callable[[float], Float[np.ndarray, "taxel"]]
-"""Gives what is added to the counts at a time after the start of an event [s]."""
+"""Gives the change of the counts at a time after the start of an event [s]."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Slot:
 
 
 def select_touches(recognition: RecognitionState, ids: set[int]) -> RecognitionState:
-    """Return what is told of some touches alone."""
+    """Return the reports of some touches alone."""
     state = recognition.state
     tracking = state.tracking
     part = replace(
@@ -199,7 +199,7 @@ class Stage:
     def run_row(
         self, row: str, world: World, events: int, keeps: bool
     ) -> Iterator[Line]:
-        """Yield what is kept of each event of a row.
+        """Yield the kept record of each event of a row.
 
         Args:
             row: name of the row.
@@ -325,7 +325,7 @@ class Stage:
         return disturb
 
     def play(self, row: str, events: list[Happening], keeps: bool) -> list[Line]:
-        """Let events of a row take place at once; return what is kept of each."""
+        """Let events of a row take place at once; return the kept record of each."""
         recognizer = Recognizer(self.setup.model, self.mounted, self.skin.calibration)
         for scan in self.scan([], round(WARM_UP / self.skin.period)):
             recognizer.push(scan)

@@ -46,7 +46,7 @@ HEAD = ("row", "events", "asked", "started", "sped up", "moved on", "any") + (
     "detected",
 )
 Lines = list[Line]
-"""What is kept of events."""
+"""Kept records of events."""
 Build = tuple[BuildKind, int]
 """Kind and seed of a build."""
 
@@ -68,7 +68,7 @@ GROUPS = {
     "random": Group(RANDOM, 20),
     "gestures": Group(GESTURES, 4),
 }
-"""Groups by their names; `random` and `gestures` begin with what is meant."""
+"""Groups by their names; `random` and `gestures` begin with meant touches."""
 WORLDS = {
     row: world for group in GROUPS.values() for row, world in group.worlds.items()
 }

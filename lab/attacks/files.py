@@ -66,7 +66,7 @@ FILES: dict[Kind, dict[str, Write]] = {
     "matrix": MATRICES,
     "set": DATASETS,
 }
-"""Functions that write the files of each kind, by what is wrong with them."""
+"""Functions that write the files of each kind, by their mistake."""
 NAMES: dict[Kind, str] = {
     "model": "hostile.safetensors",
     "ranges": "hostile.yaml",
@@ -129,7 +129,7 @@ class FileTrial:
     kind: Kind
     """Kind of the file."""
     name: str
-    """What is wrong with it."""
+    """Its mistake."""
     command: str
     """Command, with `{}` for the file."""
     code: int

@@ -50,7 +50,7 @@ def write_noise(path: Path) -> None:
 
 
 def write_special(kind: int) -> Write:
-    """Return a function that makes what is no regular file, by its kind in `stat`."""
+    """Return a function that makes an irregular file, by its kind in `stat`."""
 
     def write(path: Path) -> None:
         if kind == stat.S_IFIFO:
@@ -73,7 +73,7 @@ SPECIAL: dict[str, Write] = {
     "a socket": write_special(stat.S_IFSOCK),
     "a folder": write_special(stat.S_IFDIR),
 }
-"""What is no regular file, for every reader."""
+"""Irregular files, for every reader."""
 
 
 def write_card(**entries: Any) -> Write:  # noqa: ANN401

@@ -249,7 +249,7 @@ class PlayedLine:
         self.wait(end)
 
     def receive(self, arrival: Arrival) -> None:
-        """Pass an arrival on, and what is ready then."""
+        """Pass an arrival on, and whatever is ready then."""
         arrived, _, packet = arrival
         if isinstance(packet, PlayedEcho):
             clock = self.assembler.streams[packet.address].clock

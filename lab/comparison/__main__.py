@@ -31,7 +31,7 @@ class Form:
     draws: int
     """Number of paper-size sets."""
     clips: int | None
-    """Number of clips of each; that of the paper if None."""
+    """Number of clips of each; the paper's number if None."""
     table: tuple[str, ...]
     """Methods trained on paper-size sets."""
     train: int | None

@@ -202,7 +202,7 @@ def split_examples(examples: Examples, share: float) -> tuple[Examples, Examples
 
 
 def keep_result(path: Path, kept: KeptResult) -> None:
-    """Write a result into a file, in place of that of the same label."""
+    """Write a result into a file, in place of the result of the same label."""
     results = {**read_results(path), kept.label: kept}
     lines = (f"{format_result(each)}\n" for each in results.values())
     with atomic_path(path) as part:

@@ -25,7 +25,7 @@ from lab.comparison.examples import Examples
 from lab.comparison.touches import Arrays, TouchSpan
 
 Group = Literal["subject", "session"]
-"""What is held out at a time."""
+"""Part of the recordings that is held out at a time."""
 
 
 @final
@@ -37,7 +37,7 @@ class SegmentExamples(Examples):
     """
 
     hold_out: Group = "subject"
-    """What is held out at a time."""
+    """Part of the recordings that is held out at a time."""
     shear: bool = True
     """Whether methods use shear where the skin measures it."""
     names: tuple[tuple[str, str], ...] = ()
@@ -50,7 +50,7 @@ class SegmentExamples(Examples):
 
     @property
     def settings(self) -> str:
-        """Return what is held out, whether shear is used, and names of gestures."""
+        """Return the held-out part, whether shear is used, and names of gestures."""
         return f"{self.hold_out} {self.has_shear} {self.names}"
 
     @property
@@ -192,7 +192,7 @@ def find_segments(
     Args:
         places: paths of recordings and folders.
         pack: folder that keeps prepared recordings.
-        hold_out: what is held out at a time.
+        hold_out: part of the recordings that is held out at a time.
         shear: whether methods use shear where the skin measures it.
         names: other names of gestures.
         workers: number of processes that prepare recordings.

@@ -24,7 +24,7 @@ LEGEND = (
 
 @dataclass(frozen=True)
 class Words:
-    """These words name what is counted in captions."""
+    """These words name counted things in captions."""
 
     examples: str = "clips"
     """Examples."""

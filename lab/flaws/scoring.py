@@ -173,7 +173,7 @@ def score_touch(truth: TrueContact, trails: Mapping[int, Trail]) -> TouchScore:
 
 @dataclass
 class RestCount:
-    """Counts what is said of a skin that nobody touches."""
+    """Counts the reports of a skin that nobody touches."""
 
     seconds: float = 0.0
     """Time [s]."""

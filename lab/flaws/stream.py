@@ -91,7 +91,7 @@ FIRST_SEED = 70_000
 
 @dataclass(frozen=True)
 class BuildPlan:
-    """A plan says what is run on one build of a row."""
+    """A plan holds the streams of one build of a row."""
 
     row: str
     """Name of the row, one of `ROWS`."""

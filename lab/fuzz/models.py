@@ -62,7 +62,7 @@ PERIOD = 40_000_000
 
 @final
 class ModelTarget(Target):
-    """Fuzzes the reader of models; what is read must recognise a touch."""
+    """Fuzzes the reader of models; a model that is read must recognise a touch."""
 
     def __init__(self, folder: Path) -> None:
         """Start from the smallest model; the inputs are written into the folder."""

@@ -35,7 +35,7 @@ class ModelCommand:
     """Folder of the sets."""
 
     clips: int | None = None
-    """Number of clips; that of the paper's set unless given."""
+    """Number of clips; as in the paper's set unless given."""
 
     workers: int = 1
     """Number of processes that make the set."""

@@ -116,7 +116,7 @@ def build_at_every_reading(config: FitConfig) -> Method:
 
 
 def name_cell(k: int, pooling: Pooling) -> str:
-    """Return the name of a method of Fig. 11; that of Table II has the paper's name."""
+    """Return the name of a method of Fig. 11; in Table II it has the paper's name."""
     return "paper" if (k, pooling) == (8, "max") else f"paper-k{k}-{pooling}"
 
 
@@ -146,7 +146,7 @@ TRIED: dict[str, Method] = {
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial names what is trained once."""
+    """A trial names one training."""
 
     form: str
     """Name of the set, one of `FORMS`."""
@@ -163,9 +163,9 @@ class Place:
     sets: Path
     """Folder of the sets."""
     clips: int | None
-    """Number of clips of a set; that of the paper if None."""
+    """Number of clips of a set; the paper's number if None."""
     people: int | None
-    """Number of people of a set; that of the set if None."""
+    """Number of people of a set; the set's number if None."""
     workers: int
     """Number of processes."""
     epochs: int | None = None
@@ -267,7 +267,7 @@ def format_lead(answers: Answers, form: str, method: str, other: str) -> str:
 
 
 def list_clusters(found: Mapping[int, AnsweredClips]) -> Sequence[str]:
-    """Return what is drawn anew in intervals: people, or clips where people are few."""
+    """Return the units that intervals draw: people, or clips where people are few."""
     people = [f"{draw} {name}" for draw, each in found.items() for name in each.people]
     if len(set(people)) >= ENOUGH_GROUPS:
         return people

@@ -214,7 +214,7 @@ def resample(
 
 
 def find_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the 95 % interval of bootstrap values; those of nothing are left out."""
+    """Return the 95 % interval of bootstrap values; NaN values are left out."""
     known = np.array(values)[~np.isnan(values)]
     if not len(known):
         return float("nan"), float("nan")

@@ -136,7 +136,7 @@ class CreepSimulator(ClipGenerator):
         return self.simulator.calibration(build)
 
     def make(self, plan: ClipPlan) -> SimulatedClip:
-        """Simulate the stream of a plan; its lead-in is that of any stream."""
+        """Simulate the stream of a plan; its lead-in is as of any stream."""
         if plan.gesture is not None:
             return self.simulator.make(plan)
         env = self.simulator.env
@@ -287,7 +287,7 @@ def make(folder: Path, name: str, seed: int, streams: int | None, workers: int) 
 def describe_builds(
     draw: Draw, settings: GenerationSettings
 ) -> Iterator[tuple[str, dict[str, float | str]]]:
-    """Yield the file of each stream, and what is true of its build."""
+    """Yield the file of each stream, and the facts of its build."""
     skin = load_environment(settings.skin).mounted.skin
     constants = change_constants(draw)
     for session in settings.sessions:
@@ -299,7 +299,7 @@ def describe_builds(
 
 
 def read_builds(folder: Path) -> dict[str, dict[str, float | str]]:
-    """Return what is true of the build of each stream, by its file."""
+    """Return the facts of the build of each stream, by its file."""
     return json.loads((folder / BUILDS_NAME).read_text("utf-8"))["builds"]
 
 

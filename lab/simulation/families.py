@@ -246,7 +246,7 @@ def find_last(flags: np.ndarray) -> int:
 
 
 def measure_left(presses: LoadRecording, seconds: float) -> float:
-    """Measure what is left of the peak so long after a press, at the median."""
+    """Measure the share of the peak so long after a press, at the median."""
     signal = presses.sum_signal()
     left = []
     for press in range(PRESSES):

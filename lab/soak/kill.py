@@ -1,4 +1,4 @@
-"""Measure what is lost from a recording when its process is killed."""
+"""Measure how much of a recording is lost when its process is killed."""
 
 import random
 import subprocess

@@ -1,4 +1,4 @@
-"""Tests of `lab.attacks.events`: what is counted, what is drawn, and what is kept."""
+"""Tests of `lab.attacks.events`: its counts, its draws, and what it keeps."""
 
 from dataclasses import replace
 

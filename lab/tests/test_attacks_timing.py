@@ -1,4 +1,4 @@
-"""Tests of the attacks on timing: the age of what is obeyed, and the time to a hold."""
+"""Tests of the attacks on timing: the age of obeyed touches, and the time to a hold."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""These tests check the matrices with crosstalk, and what is counted on them."""
+"""These tests check the matrices with crosstalk, and the counts on them."""
 
 from dataclasses import replace
 

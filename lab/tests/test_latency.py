@@ -1,4 +1,4 @@
-"""Tests of what is timed beside the engine: baselines, and skins of other sizes."""
+"""Tests of timing beside the engine: baselines, and skins of other sizes."""
 
 import json
 

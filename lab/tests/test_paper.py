@@ -1,4 +1,4 @@
-"""Laws of the paper's experiments: what is tried, and how answers are summed up."""
+"""Laws of the paper's experiments: the trials, and how answers are summed up."""
 
 import pytest
 

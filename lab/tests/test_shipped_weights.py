@@ -32,7 +32,7 @@ PATCHES = ("forearm_back", "upper_arm_front", "forearm_front", "upper_arm_back")
 
 @pytest.fixture(scope="module")
 def sets(tmp_path_factory) -> Path:
-    """Return a folder for the sets, and for what is prepared of them."""
+    """Return a folder for the sets, and for prepared recordings."""
     return tmp_path_factory.mktemp("sets")
 
 

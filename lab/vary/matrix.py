@@ -50,7 +50,7 @@ Pressures = Float[np.ndarray, "taxel"]
 
 @dataclass(frozen=True)
 class MatrixPlan:
-    """A plan says what is wrong with a matrix, and what happens to it."""
+    """A plan holds the flaws of a matrix, and the events on it."""
 
     crosstalk: float = 0.05
     """Share of the counts of a taxel that is shared out to its row and column, half to

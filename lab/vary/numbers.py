@@ -211,7 +211,7 @@ class Sources:
         return [f"touch.{path.stem}" for path in paths]
 
     def get(self, module: str) -> ModuleSource:
-        """Return a module of eskin; that of a package is its `__init__`."""
+        """Return a module of eskin; for a package its `__init__`."""
         if module not in self.read:
             place = self.folder.joinpath(*module.split("."))
             path = place.with_suffix(".py")

@@ -187,7 +187,7 @@ def build_row(number: Number, files: list[list[dict]]) -> list[str]:
 
 
 def main(command: Command) -> None:
-    """Print the table, a part a module, and what is not varied."""
+    """Print the table, a part a module, and the numbers that are not varied."""
     sources = Sources(command.sources)
     files = [leave_out(command.without, read_lines(path)) for path in command.found]
     numbers = sources.list_numbers()

@@ -61,7 +61,7 @@ class EdgeInputs(NamedTuple):
 
 
 class EdgeBlock(NamedTuple):
-    """Holds what is computed for a block of edges."""
+    """Holds intermediate results for a block of edges."""
 
     target: Int[np.ndarray, "edge"]
     """Target of each edge."""
