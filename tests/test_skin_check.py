@@ -10,7 +10,13 @@ import pytest
 from eskin.cli.main import run
 from eskin.registry import advise_install
 from eskin.robot import Box, Geom, Link, Robot, load_robot
-from eskin.skin import check_skin, load_skin, save_skin
+from eskin.skin import (
+    SkinProblem,
+    check_skin,
+    describe_problems,
+    load_skin,
+    save_skin,
+)
 from eskin.skin.picture import build_robot_triangles
 from eskin.skin.wiring import PressResponse, check_wiring, choose_press_targets
 
@@ -261,3 +267,19 @@ def test_picture_of_a_large_robot_is_made_of_a_bounded_number_of_pieces():
     large = Link("link", (Geom(Box((200.0, 100.0, 300.0)), np.eye(4)),))
     robot = Robot("large", (large,), ())
     assert len(build_robot_triangles(robot, np.zeros(0), 0.02)) < 500_000
+
+
+def test_problems_of_a_kind_on_a_patch_are_one_line_and_all_are_counted():
+    kinds = ("area", "same place")
+    problems = [
+        SkinProblem(f"{kind} {taxel}", kind, patch, taxel)
+        for patch in ("a", "b")
+        for kind in kinds
+        for taxel in range(20)
+    ]
+    lines = describe_problems(problems)
+    assert [line.split("; so ")[0] for line in lines] == [
+        str(problem) for problem in problems if problem.taxel == 0
+    ]
+    assert all("; so 19 more: taxels 1, 2, " in line for line in lines)
+    assert describe_problems(problems[:1]) == [str(problems[0])]

@@ -1,6 +1,5 @@
 """This module finds everything that is wrong with a skin, patch by patch."""
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,6 +23,8 @@ class SkinProblem:
 
     text: str
     """The problem, the value that was found and those that are allowed."""
+    kind: str
+    """Word for the rule that is broken; problems of a kind differ in numbers alone."""
     patch: str | None = None
     taxel: int | None = None
 
@@ -41,8 +42,7 @@ def describe_problems(problems: Sequence[SkinProblem]) -> list[str]:
     """Describe problems in lines: ones of a patch that differ in numbers share one."""
     alike: dict[tuple[str | None, str], list[SkinProblem]] = {}
     for each in problems:
-        kind = re.sub(r"[-+.\de]*\d", "", each.text)
-        alike.setdefault((each.patch, kind), []).append(each)
+        alike.setdefault((each.patch, each.kind), []).append(each)
     lines = []
     for first, *others in alike.values():
         taxels = ", ".join(str(one.taxel) for one in others[:MAX_NAMED])
@@ -160,16 +160,17 @@ def find_patch_problems(skin: Skin) -> Iterator[SkinProblem]:
     for number, patch in enumerate(skin.patches):
         if ids[patch.id] > 1:
             text = f"{ids[patch.id]} patches have this id, allowed one"
-            yield SkinProblem(text, patch.id)
+            yield SkinProblem(text, "repeated id", patch.id)
         if patch.address in addresses:
             other = addresses[patch.address]
             text = (
                 f"address {patch.address} is that of patch '{other}' too, allowed once"
             )
-            yield SkinProblem(f"{text} in a skin", patch.id)
+            yield SkinProblem(f"{text} in a skin", "repeated address", patch.id)
         addresses.setdefault(patch.address, patch.id)
         if number not in filled:
-            yield SkinProblem("has no taxels, allowed one or more", patch.id)
+            text = "has no taxels, allowed one or more"
+            yield SkinProblem(text, "no taxels", patch.id)
 
 
 def find_cell_problems(skin: Skin) -> Iterator[SkinProblem]:
@@ -181,10 +182,11 @@ def find_cell_problems(skin: Skin) -> Iterator[SkinProblem]:
         cell = (int(number), int(row), int(column))
         text = f"lies in {patch.describe_cell(int(row), int(column))}"
         if not (0 <= row < patch.rows and 0 <= column < patch.columns):
-            yield SkinProblem(f"{text}; allowed is a cell of the grid", patch.id, taxel)
+            text += "; allowed is a cell of the grid"
+            yield SkinProblem(text, "cell outside", patch.id, taxel)
         elif cell in seen:
             text += f", where taxel {seen[cell]} is; allowed one taxel a cell"
-            yield SkinProblem(text, patch.id, taxel)
+            yield SkinProblem(text, "repeated cell", patch.id, taxel)
         seen.setdefault(cell, taxel)
 
 
@@ -196,7 +198,7 @@ def find_position_problems(skin: Skin) -> Iterator[SkinProblem]:
         text = (
             f"its position is {position}, allowed finite numbers up to {FARTHEST:g} m"
         )
-        yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
+        yield SkinProblem(text, "far position", get_patch_id(skin, taxel), taxel)
 
 
 def are_near(skin: Skin) -> Bool[np.ndarray, "taxel"]:
@@ -221,7 +223,7 @@ def find_coincident_problems(skin: Skin, config: CheckConfig) -> Iterator[SkinPr
                 f"'{get_patch_id(skin, first)}', allowed "
                 f"{1e3 * config.min_taxel_distance:g} mm or more"
             )
-            yield SkinProblem(text, get_patch_id(skin, second), second)
+            yield SkinProblem(text, "same place", get_patch_id(skin, second), second)
 
 
 def find_area_problems(
@@ -236,7 +238,7 @@ def find_area_problems(
         limits = f"{config.min_fill * cell:.4g} to {config.max_fill * cell:.4g} mm2"
         allowed = f"{limits} at this spacing" if np.isfinite(cell) else "more than 0"
         text = f"has an area of {1e6 * skin.areas[taxel]:.4g} mm2, allowed {allowed}"
-        yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
+        yield SkinProblem(text, "area", get_patch_id(skin, taxel), taxel)
 
 
 def find_flipped_problems(
@@ -246,7 +248,7 @@ def find_flipped_problems(
     product = np.sum(skin.normals * neighbour_normals, axis=1)
     text = "its normal points against its neighbours' normals, allowed outward"
     for taxel in np.flatnonzero(product < 0).tolist():
-        yield SkinProblem(text, get_patch_id(skin, taxel), taxel)
+        yield SkinProblem(text, "flipped normal", get_patch_id(skin, taxel), taxel)
 
 
 def find_link_problems(skin: Skin, robot: Robot) -> Iterator[SkinProblem]:
@@ -256,6 +258,7 @@ def find_link_problems(skin: Skin, robot: Robot) -> Iterator[SkinProblem]:
             yield SkinProblem(
                 f"lies on link '{patch.link}', which robot '{robot.name}' does not "
                 f"have; allowed {', '.join(robot.link_names)}",
+                "unknown link",
                 patch.id,
             )
 
@@ -277,10 +280,10 @@ def find_surface_problems(
                 f"lies {about}{1e3 * abs(distance):.3g} mm {side} the surface of link "
                 f"'{patch.link}', allowed up to {1e3 * limit:g} mm"
             )
-            yield SkinProblem(text, patch.id, taxel)
+            yield SkinProblem(text, f"{side} the surface", patch.id, taxel)
         for taxel in np.flatnonzero(own & ~off & ~(cosines >= config.min_cosine)):
             text = f"its normal does not point out of link '{patch.link}'"
-            yield SkinProblem(text, patch.id, int(taxel))
+            yield SkinProblem(text, "inward normal", patch.id, int(taxel))
 
 
 def compute_clearances(
@@ -393,7 +396,8 @@ def find_size_problems(skin: Skin) -> Iterator[SkinProblem]:
             text = f"lies {away:.3g} m from the frame of link '{patch.link}'"
         else:
             continue
-        yield SkinProblem(f"{text}, allowed up to {LARGE:g} m: {UNIT_ADVICE}", patch.id)
+        text = f"{text}, allowed up to {LARGE:g} m: {UNIT_ADVICE}"
+        yield SkinProblem(text, "large patch", patch.id)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -408,6 +412,7 @@ def find_direction_problems(skin: Skin) -> list[SkinProblem]:
     return [
         SkinProblem(
             f"{what} {got[taxel]:.6g}, allowed {allowed} {DIRECTION_TOLERANCE:g}",
+            what,
             get_patch_id(skin, taxel),
             taxel,
         )

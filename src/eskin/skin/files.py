@@ -235,7 +235,11 @@ def find_repeated_patches(manifest: SkinManifest) -> list[SkinProblem]:
     """Find patch ids that occur more than once."""
     ids = [entry.id for entry in manifest.patches]
     return [
-        SkinProblem(f"stands {ids.count(name)} times in skin.yaml, allowed once", name)
+        SkinProblem(
+            f"stands {ids.count(name)} times in skin.yaml, allowed once",
+            "repeated id",
+            name,
+        )
         for name in dict.fromkeys(ids)
         if ids.count(name) > 1
     ]
@@ -247,14 +251,16 @@ def find_id_problems(
     """Find ids that are not 0 to n-1, provided that all rows could be read."""
     expected = np.arange(len(ids))
     if len(expected) == 0 and not problems:
-        return [SkinProblem(f"{file}: got no taxels, allowed one or more")]
+        text = f"{file}: got no taxels, allowed one or more"
+        return [SkinProblem(text, "no taxels")]
     missing = np.setdiff1d(expected, ids)
     if problems or len(missing) == 0:
         return []
     return [
         SkinProblem(
             f"{file}: id {missing[0]} is missing; allowed the ids 0 to "
-            f"{len(expected) - 1}, each once, which fix the order of the taxels"
+            f"{len(expected) - 1}, each once, which fix the order of the taxels",
+            "missing id",
         )
     ]
 

@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Iterator
 from decimal import Decimal
-from typing import NamedTuple
+from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
@@ -45,8 +45,18 @@ class TaxelRow(NamedTuple):
     """Local x axis; empty where the file has none."""
 
 
+@final
 class BadCellError(ValueError):
-    """A cell has a value that its column does not allow."""
+    """A cell has a value that its column does not allow.
+
+    Attributes:
+        kind: word for the rule that is broken, the same for all rows.
+    """
+
+    def __init__(self, kind: str, message: str) -> None:
+        """Keep both."""
+        super().__init__(message)
+        self.kind = kind
 
 
 def parse_taxels(
@@ -75,13 +85,15 @@ def parse_taxels(
         try:
             if len(cells) != len(header):
                 raise BadCellError(
-                    f"{where}: got {len(cells)} cells, allowed {len(header)}"
+                    "number of cells",
+                    f"{where}: got {len(cells)} cells, allowed {len(header)}",
                 )
             taxel = read_row(row, patches, index, where)
             if taxel.id in lines_of:
                 raise BadCellError(
+                    "repeated id",
                     f"{where}, column id: got {taxel.id}, which line "
-                    f"{lines_of[taxel.id]} has too; allowed every id once"
+                    f"{lines_of[taxel.id]} has too; allowed every id once",
                 )
         except BadCellError as error:
             problems.append(build_problem(error, row))
@@ -178,7 +190,7 @@ def read_row(
     name = row["patch"].strip()
     if name not in index:
         allowed = f"the patches of skin.yaml: {', '.join(index)}"
-        raise BadCellError(describe_cell(where, "patch", name, allowed))
+        raise refuse_cell(where, "patch", name, allowed)
     patch = patches[index[name]]
     return TaxelRow(
         number,
@@ -196,7 +208,7 @@ def read_integer(row: dict[str, str], column: str, where: str, end: int | None) 
     allowed = "an integer from 0" + ("" if end is None else f" to {end - 1}")
     value = parse_integer(row[column])
     if value is None or (end is not None and value >= end):
-        raise BadCellError(describe_cell(where, column, row[column], allowed))
+        raise refuse_cell(where, column, row[column], allowed)
     return value
 
 
@@ -211,8 +223,7 @@ def read_float(row: dict[str, str], column: str, where: str) -> float:
     try:
         return parse_number(row[column])
     except ValueError:
-        text = describe_cell(where, column, row[column], "a finite number")
-        raise BadCellError(text) from None
+        raise refuse_cell(where, column, row[column], "a finite number") from None
 
 
 def read_area(row: dict[str, str], where: str) -> float:
@@ -224,20 +235,21 @@ def read_area(row: dict[str, str], where: str) -> float:
         value = np.nan
     if not (np.isfinite(value) and value > 0):
         allowed = "a finite number above 0"
-        raise BadCellError(describe_cell(where, "area_mm2", row["area_mm2"], allowed))
+        raise refuse_cell(where, "area_mm2", row["area_mm2"], allowed)
     return value
 
 
-def describe_cell(where: str, column: str, text: str, allowed: str) -> str:
-    """Describe a wrong cell: the given and the allowed text."""
-    return f"{where}, column {column}: got {shorten(text)}, allowed {allowed}"
+def refuse_cell(where: str, column: str, text: str, allowed: str) -> BadCellError:
+    """Return the error of a wrong cell: the given and the allowed text."""
+    message = f"{where}, column {column}: got {shorten(text)}, allowed {allowed}"
+    return BadCellError(f"column {column}", message)
 
 
 def build_problem(error: BadCellError, row: dict[str, str]) -> SkinProblem:
     """Build the problem of a bad cell, with patch and taxel where they can be read."""
     patch = row.get("patch", "").strip()
     taxel = parse_integer(row.get("id", ""))
-    return SkinProblem(str(error), patch or None, taxel)
+    return SkinProblem(str(error), error.kind, patch or None, taxel)
 
 
 def build_arrays(taxels: list[TaxelRow]) -> dict[str, np.ndarray]:
