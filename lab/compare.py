@@ -92,8 +92,7 @@ class CompareCommand:
         unknown = [name for name in self.methods if name not in known]
         if unknown:
             raise ValueError(
-                f"--methods names {', '.join(unknown)}; allowed are "
-                f"{', '.join(known)}; correct the name"
+                f"--methods names {', '.join(unknown)}; allowed are {', '.join(known)}"
             )
         if bool(self.recordings) == bool(self.train or self.test):
             raise ValueError(

@@ -110,7 +110,7 @@ def read_trials(
     if unknown := set(people) - subjects:
         raise RecordingError(
             f"no person {', '.join(sorted(unknown))} in {folder}; allowed are "
-            f"{', '.join(sorted(subjects))}; take those"
+            f"{', '.join(sorted(subjects))}"
         )
     return [trial for trial in trials if trial.subject in (people or subjects)]
 

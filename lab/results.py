@@ -645,9 +645,7 @@ def choose_parts(names: Sequence[str]) -> list[Part]:
     """
     for name in names:
         if name not in PARTS:
-            raise ValueError(
-                f"part '{name}'; allowed are {', '.join(PARTS)}; correct the name"
-            )
+            raise ValueError(f"part '{name}'; allowed are {', '.join(PARTS)}")
     return [PARTS[name] for name in names] if names else list(PAGE)
 
 

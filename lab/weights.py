@@ -160,8 +160,7 @@ class Command:
         unknown = [name for name in self.weights if name not in WEIGHTS]
         if unknown:
             raise ValueError(
-                f"--weights has '{unknown[0]}'; allowed are {', '.join(WEIGHTS)}; take "
-                "those"
+                f"--weights has '{unknown[0]}'; allowed are {', '.join(WEIGHTS)}"
             )
 
 

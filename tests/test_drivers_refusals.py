@@ -208,7 +208,7 @@ ROWS = [
         "missing key",
         DeviceError,
         lambda folder: read_key(folder / "key"),
-        "correct the path",
+        "allowed is a file of 64 hexadecimal digits",
     ),
     key("key that others read", "00" * 32, 0o640, "chmod 600"),
     key("short key", "00" * 31, 0o600, "openssl rand"),

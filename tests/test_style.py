@@ -1,10 +1,12 @@
 """Tests of how statements are written: one a line, and no tuple starred to fit a line.
 
 Code that is only checked by its length is packed to be short. Two values may share a
-statement where a reader thinks of them together: a swap, coordinates, limits.
+statement where a reader thinks of them together: a swap, coordinates, limits. Errors
+end with what is allowed, unless a remedy says more than that it is to be given.
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -33,6 +35,10 @@ TOGETHER = (
 """Names of coordinates and of limits that one statement may assign."""
 MOST = 0.01
 """Greatest share of all assignments that are packed."""
+PLAIN = re.compile(
+    r"(change|correct|give|take|name) (it|them|one|those|the name|the path)"
+)
+"""Remedies that say nothing after a list of what is allowed."""
 
 
 @cache
@@ -43,7 +49,7 @@ def parse_all() -> tuple[tuple[str, ast.AST], ...]:
         for folder in FOLDERS
         for path in sorted((ROOT / folder).rglob("*.py"))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Assign | ast.Call | ast.Tuple | ast.List)
+        if isinstance(node, ast.Assign | ast.Call | ast.Tuple | ast.List | ast.Constant)
     )
 
 
@@ -91,5 +97,19 @@ def test_no_tuple_is_starred_where_it_is_written_out():
         f"{path}:{each.lineno}: {ast.unparse(each)}"
         for path, node in parse_all()
         for each in find_starred(node)
+    ]
+    assert not wrong
+
+
+def test_no_error_ends_in_a_remedy_that_says_nothing():
+    texts = [
+        (path, node.lineno, node.value)
+        for path, node in parse_all()
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    wrong = [
+        f"{path}:{line}: {text}"
+        for path, line, text in texts
+        if not path.startswith("tests") and PLAIN.fullmatch(text.rpartition("; ")[2])
     ]
     assert not wrong

@@ -218,7 +218,7 @@ def find_segments(
     if unknown:
         raise RecordingError(
             f"no gesture {', '.join(sorted(unknown))} to rename; allowed are "
-            f"{', '.join(replace(examples, names=()).gestures)}; correct the name"
+            f"{', '.join(replace(examples, names=()).gestures)}"
         )
     if len(examples.gestures) < 2:
         raise RecordingError(

@@ -59,7 +59,7 @@ class Command:
         unknown = [row for row in self.rows if row not in ROWS]
         if unknown:
             raise ValueError(
-                f"--rows has '{unknown[0]}'; allowed are {', '.join(ROWS)}; take those"
+                f"--rows has '{unknown[0]}'; allowed are {', '.join(ROWS)}"
             )
 
     @property

@@ -107,7 +107,7 @@ class Dynamics:
             if body.joints and not body.explicitinertial:
                 raise RobotError(
                     f"robot '{robot_name}': link '{body.name}' has no <inertial>; "
-                    "allowed with dynamics are links with masses; give it one"
+                    "allowed with dynamics are links with masses"
                 )
         tool = spec.body(config.tool)
         tool.mass = config.payload

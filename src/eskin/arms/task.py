@@ -75,7 +75,7 @@ class Task:
         if len(names) < 2 or len(set(names)) < len(names):
             raise ValueError(
                 f"task '{self.name}' has waypoints {', '.join(names) or 'none'}; "
-                "allowed are two or more, each name once; name them apart"
+                "allowed are two or more, each name once"
             )
         for waypoint in self.waypoints:
             if len(waypoint.q) != len(self.joint_names):

@@ -242,7 +242,7 @@ def choose_taxels(skin: Skin, patch: str, count: int) -> Int[np.ndarray, "press"
     if not MIN_PRESSES <= count <= len(taxels):
         raise ValueError(
             f"{count} presses are asked for on patch '{patch}'; allowed are "
-            f"{MIN_PRESSES} to {len(taxels)}, one a taxel; change the number"
+            f"{MIN_PRESSES} to {len(taxels)}, one a taxel"
         )
     arm = skin.positions[taxels] - find_middle(skin, patch)
     jacobian, weights, _ = linearise(arm, skin.normals[taxels], USUAL_NOISE)
@@ -265,7 +265,7 @@ def check_presses(patch: str, known: Points) -> None:
     if len(known) < MIN_PRESSES:
         raise ValueError(
             f"patch '{patch}' has {len(known)} presses; allowed are {MIN_PRESSES} or "
-            "more; press more points"
+            "more"
         )
     spread = np.linalg.svd(known - known.mean(axis=0), compute_uv=False)
     deviation = float(spread[1]) / np.sqrt(len(known))
@@ -318,7 +318,7 @@ def read_points(path: Path, skin: Skin) -> tuple[KnownPoint, ...]:
     if not points:
         raise SkinError(
             f"{path} has no points; allowed are lines below the head "
-            "patch,x_mm,y_mm,z_mm; measure some"
+            "patch,x_mm,y_mm,z_mm"
         )
     return tuple(points)
 

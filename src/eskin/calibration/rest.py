@@ -63,7 +63,7 @@ def estimate_rest(scans: Sequence[Scan], skin: Skin) -> RestEstimate:
     if not measured.any():
         raise ValueError(
             f"no taxel was received in {MIN_SAMPLES} of {len(scans)} scans without "
-            f"touch; allowed are {MIN_SAMPLES} or more; take more scans"
+            f"touch; allowed are {MIN_SAMPLES} or more"
         )
     rest = np.zeros(skin.count)
     noise = np.zeros(skin.count)

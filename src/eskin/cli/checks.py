@@ -263,5 +263,5 @@ def check_picture(target: Path) -> None:
     if target.suffix not in PICTURES:
         raise EskinError(
             f"{target} is no picture that can be drawn; allowed are "
-            f"{', '.join(PICTURES)}; change its suffix"
+            f"{', '.join(PICTURES)}"
         )

@@ -69,13 +69,13 @@ def describe_missing(found: re.Match[str]) -> str:
     name, _, text = first.partition(" ")
     text = re.sub(r"^(?:PATH|STR|INT|FLOAT)(?: \.\.\.)? ", "", text)
     purpose = re.split(r"\.(?: |$)", text)[0]
-    return f"{name} is missing: {purpose[:1].lower()}{purpose[1:]}; give it"
+    return f"{name} is missing: {purpose[:1].lower()}{purpose[1:]}"
 
 
 def describe_choice(found: re.Match[str]) -> str:
     """Describe a word that is none of some."""
     allowed = ", ".join(re.findall(r"'([^']*)'", found["allowed"]))
-    return f"{found['option']} is '{found['got']}'; allowed are {allowed}; take one"
+    return f"{found['option']} is '{found['got']}'; allowed are {allowed}"
 
 
 def describe_value(found: re.Match[str]) -> str:

@@ -158,7 +158,7 @@ def command_function(name: str) -> Callable[[CommandFunction], CommandFunction]:
         taken = ", ".join(COMMAND_FUNCTIONS) or "none"
         raise ValueError(
             f"command function '{name}'; allowed is a word that is not taken (taken: "
-            f"{taken}); choose another name"
+            f"{taken})"
         )
 
     def register(function: CommandFunction) -> CommandFunction:

@@ -368,7 +368,7 @@ def read_map_text(path: Path) -> str:
     except OSError as error:
         raise CommandError(
             f"{format_path(path)} cannot be read ({error.strerror}); allowed is a "
-            "YAML file; correct the path"
+            "YAML file"
         ) from error
 
 

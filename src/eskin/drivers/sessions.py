@@ -130,7 +130,7 @@ def read_key(path: Path) -> bytes:
     except OSError as error:
         raise DeviceError(
             f"key {path} cannot be read ({error.strerror}); allowed is a file of 64 "
-            "hexadecimal digits; correct the path"
+            "hexadecimal digits"
         ) from error
     if mode & OTHERS_MAY_READ:
         raise DeviceError(

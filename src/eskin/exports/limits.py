@@ -114,7 +114,7 @@ def read_limits(path: Path, skin: Skin) -> Limits:
     except OSError as error:
         raise RecordingError(
             f"{path} cannot be read ({error.strerror}); allowed is a YAML file of "
-            "limits; correct the path"
+            "limits"
         ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(

@@ -233,7 +233,7 @@ def build_thresholds(
     if unknown:
         raise ValueError(
             f"threshold of '{unknown[0]}', which the model does not know; allowed are "
-            f"{', '.join(vocabulary)}; correct the name"
+            f"{', '.join(vocabulary)}"
         )
     thresholds = dict.fromkeys(vocabulary, config.threshold) | dict(config.thresholds)
     thresholds[NONE] = math.inf

@@ -60,9 +60,7 @@ def free_port(port: int) -> int:
         DeviceError: the port is taken, or out of range.
     """
     if not 0 <= port < 65536:
-        raise DeviceError(
-            f"port is {port}; allowed are 1 to 65535, or 0 for any; change --port"
-        )
+        raise DeviceError(f"port is {port}; allowed are 1 to 65535, or 0 for any")
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -381,7 +381,7 @@ def read_calibration(path: Path) -> Calibration:
     except OSError as error:
         raise DeviceError(
             f"calibration {path} cannot be read ({error.strerror}); allowed is a JSON "
-            "file as eskin calibrate writes it; correct the path"
+            "file as eskin calibrate writes it"
         ) from error
     return parse_calibration(data, path)
 

@@ -131,8 +131,7 @@ class PoseReader:
                 places[row],
                 taxel,
                 f"has a z axis of length {lengths[row, taxel]:.3g}; allowed is 1, of a "
-                "position and a unit quaternion wxyz, or of the rows of [R | p]; "
-                "correct the poses",
+                "position and a unit quaternion wxyz, or of the rows of [R | p]",
             )
         return positions, axes
 

@@ -110,8 +110,7 @@ class Stream:
         names = [listener.name for listener in listeners]
         if len(set(names)) < len(names):
             raise ValueError(
-                f"listeners are called {', '.join(names)}; allowed is each name once; "
-                "name them apart"
+                f"listeners are called {', '.join(names)}; allowed is each name once"
             )
         self.source = source
         self.title = f"source {source.info.uri}"

@@ -394,7 +394,7 @@ def resize_set(
         if clips < 2 or clips % 2:
             raise ValueError(
                 f"{clips} clips requested of each kind of pair; allowed are 2, 4 and "
-                "so on; change --clips"
+                "so on"
             )
         total = len(PAIR_SIDES) * clips
     if total < len(clip_set.parts):

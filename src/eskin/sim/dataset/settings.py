@@ -95,8 +95,7 @@ class GenerationSettings:
         if self.has_pairs and not fits:
             raise ValueError(
                 f"set '{PAIRS}' requested on skin '{self.skin}', whose robot has no "
-                "known joints to fold; allowed are skins of arms that come with eskin; "
-                "change --skin"
+                "known joints to fold; allowed are skins of arms that come with eskin"
             )
         if not self.sessions:
             raise ValueError(f"set '{self.set_name}' has no clips; ask for some")
@@ -216,7 +215,7 @@ def check_families(families: tuple[Family, ...], set_name: str) -> None:
     if not families or len(known) != len(families):
         raise ValueError(
             f"families are {', '.join(families) or 'none'}; allowed are one or more of "
-            f"{', '.join(FAMILIES)}, each once; change --families"
+            f"{', '.join(FAMILIES)}, each once"
         )
     if set_name in (PAIRS, DEVICES):
         raise ValueError(

@@ -217,7 +217,7 @@ class UdpPort(VirtualPort):
         except (OSError, OverflowError) as error:
             raise DeviceError(
                 f"cannot send to {host}:{port} ({error}); allowed are a computer that "
-                "is known and a port from 1 to 65535; check both"
+                "is known and a port from 1 to 65535"
             ) from error
         try:
             self.socket.connect(address)

@@ -80,7 +80,7 @@ class VirtualSkin(Closing):
         if not 1 <= len(ports) <= len(skin.patches):
             raise ValueError(
                 f"{len(ports)} ports for {len(skin.patches)} patches; allowed are 1 to "
-                f"{len(skin.patches)}; change their number"
+                f"{len(skin.patches)}"
             )
         if not 0 < rate <= MAX_RATE:
             raise ValueError(
