@@ -140,6 +140,7 @@ PAGE = (
         "phone",
         "Real people",
         ("python -m lab.small_sensors phone --people P10 P12 P15 P18",),
+        minutes=3,
     ),
     Part(
         "trained-sleeve",
@@ -342,8 +343,9 @@ PAGE = (
         "crush",
         "Faults and attacks",
         ("python -m lab.attacks crush --events 5 --each 5",),
+        minutes=11,
     ),
-    Part("kill", "Faults and attacks", ("python -m lab.soak kill",)),
+    Part("kill", "Faults and attacks", ("python -m lab.soak kill",), minutes=1),
     Part("hour", "Faults and attacks", ("python -m lab.soak stream",)),
     Part("ur-stop", "Faults and attacks", ("python -m lab.ur_stop",)),
     Part(
