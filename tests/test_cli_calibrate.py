@@ -10,7 +10,7 @@ import pytest
 
 import eskin.app
 import helpers.guided
-from eskin.calibration import CalibrationGuide, GuideConfig
+from eskin.calibration import CalibrationGuide, GuideConfig, PressRefusal
 from eskin.calibration.guide import PLACES
 from eskin.cli import calibrate
 from eskin.cli.guided import await_page, guide_person
@@ -238,7 +238,7 @@ def test_unfelt_presses_are_told_with_what_would_be_felt():
 def test_presses_that_cannot_be_used_are_told_with_the_reason():
     nominal, _, scans = presses_of(12, force=4.0)
     guide = CalibrationGuide(MOUNTED, nominal)
-    guide.describe_refusal = lambda press, taxel: "the finger moved"
+    guide.find_refusal = lambda press, taxel: PressRefusal.MOVED.reason()
     for scan in scans:
         guide.push(scan)
     with pytest.raises(ValueError, match="used, the last since the finger moved"):
@@ -448,7 +448,8 @@ def test_presses_that_are_no_fingertips_are_refused():
     slides = [s for t in (17, 18, 19, 20, 21) for s in [press_counts(t)] * 4]
     guide, events = push_all(rest(REST_SCANS) + press(19, width=2) + slides + rest(30))
     assert [event.kind for event in events] == ["rested", "refused", "refused"]
-    assert ["wider" in event.text for event in events[1:]] == [True, False]
+    causes = [reason.cause for reason in guide.refusals]
+    assert causes == [PressRefusal.WIDE, PressRefusal.MOVED]
     assert not guide.presses
 
 

@@ -27,7 +27,7 @@ PRODUCT = {
     "touch": ("skin",),
     "recording": ("touch",),
     "live": ("recording",),
-    "calibration": ("touch",),
+    "calibration": ("touch", "reasons"),
     "drivers": ("recording", "progress", "reasons"),
     "stream": ("live", "drivers"),
     "command": ("stream",),

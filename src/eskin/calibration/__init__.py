@@ -11,6 +11,7 @@ from eskin.calibration.guide import (
     GuideConfig,
     GuideEvent,
     PressGuide,
+    PressRefusal,
     PressRequest,
 )
 from eskin.calibration.rest import RestEstimate, estimate_rest
@@ -23,6 +24,7 @@ __all__ = [
     "GuideEvent",
     "FingertipPress",
     "PressGuide",
+    "PressRefusal",
     "PressRequest",
     "RestEstimate",
     "estimate_gains",

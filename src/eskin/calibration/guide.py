@@ -5,6 +5,7 @@ A guide measures rest first, then asks for presses.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from enum import unique
 from typing import Generic, Literal, TypeVar, final
 
 import numpy as np
@@ -21,6 +22,7 @@ from eskin.calibration.rest import (
     estimate_rest,
     find_resting_hand,
 )
+from eskin.reasons import Cause, Reason
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.wiring import find_nearest_taxel
 from eskin.touch import (
@@ -70,6 +72,19 @@ BITS = (10, 12, 14)
 
 
 Press = TypeVar("Press")
+
+
+@unique
+class PressRefusal(Cause):
+    """A refusal of a press is why it is not used."""
+
+    WIDE = ("that was wider than one fingertip", "press with one fingertip")
+    MOVED = ("the finger moved", "keep it in its place for a second")
+    FAULTY_TAXEL = (
+        "a taxel beside it is faulty",
+        "press elsewhere on the patch, or leave the patch out",
+    )
+    OTHER_PATCH = ("felt on patch '{patch}'", "press the patch that is asked for")
 
 
 @dataclass(frozen=True)
@@ -192,7 +207,7 @@ class PressGuide(ABC, Generic[Press]):
         self.samples = np.zeros(mounted.skin.count, np.int64)
         self.is_awaited = False
         self.is_restarted = False
-        self.refusals: list[str] = []
+        self.refusals: list[Reason] = []
         self.is_turned = False
 
     @property
@@ -251,9 +266,10 @@ class PressGuide(ABC, Generic[Press]):
         self.pressing = PressSummary()
         if taxel is None or self.phase == "done":
             return None
-        if text := self.describe_refusal(ended, taxel):
-            self.refusals.append(text)
-            return GuideEvent("refused", text, taxel)
+        refusal = self.find_refusal(ended, taxel)
+        if refusal is not None:
+            self.refusals.append(refusal)
+            return GuideEvent("refused", refusal.what, taxel)
         self.presses.append(self.build_press(ended, taxel))
         self.phase = "done" if self.request is None else "press"
         return GuideEvent("pressed", taxel=taxel)
@@ -345,8 +361,8 @@ class PressGuide(ABC, Generic[Press]):
         )
 
     @abstractmethod
-    def describe_refusal(self, press: PressSummary, taxel: int) -> str:
-        """Describe why a press on a taxel cannot be used; empty if it can."""
+    def find_refusal(self, press: PressSummary, taxel: int) -> Reason | None:
+        """Return why a press on a taxel cannot be used, or None where it can."""
 
     @abstractmethod
     def build_press(self, press: PressSummary, taxel: int) -> Press:
@@ -403,7 +419,7 @@ class CalibrationResult:
     restless: int
     """Number of other taxels that seemed touched at rest; no press uses them."""
     presses: tuple[FingertipPress, ...]
-    refusals: tuple[str, ...]
+    refusals: tuple[Reason, ...]
     """Why presses that were felt are not used, one reason each."""
     gains: GainEstimate | None
     """Gains; None without a press."""
@@ -565,15 +581,15 @@ class CalibrationGuide(PressGuide[FingertipPress]):
         apart = last is None or stamp - last > APART * NS_PER_S
         return GuideEvent("touched", text) if apart else None
 
-    def describe_refusal(self, press: PressSummary, taxel: int) -> str:
-        """Describe why a press on a taxel cannot be used; empty if it can."""
+    def find_refusal(self, press: PressSummary, taxel: int) -> Reason | None:
+        """Return why a press on a taxel cannot be used, or None where it can."""
         if press.measure_area(self.skin) > MAX_TIP_AREA:
-            return "that was wider than one fingertip"
+            return PressRefusal.WIDE.reason()
         if press.measure_travel() > MAX_TIP_TRAVEL:
-            return "the finger moved"
+            return PressRefusal.MOVED.reason()
         if self.has_fault(taxel):
-            return "a taxel beside it is faulty"
-        return ""
+            return PressRefusal.FAULTY_TAXEL.reason()
+        return None
 
     def build_press(self, press: PressSummary, taxel: int) -> FingertipPress:
         """Measure a press on a taxel by its mean counts."""
@@ -640,9 +656,10 @@ class CalibrationGuide(PressGuide[FingertipPress]):
     def describe_unfelt(self) -> str:
         """Describe why no press was felt or used, and what may be done about it."""
         if self.refusals:
+            last = self.refusals[-1]
             return (
-                f"no press could be used, the last since {self.refusals[-1]}; allowed "
-                "is one fingertip that keeps its place; press so, for a second"
+                f"no press could be used, the last since {last.what}; allowed is one "
+                f"fingertip that keeps its place for a second; {last.remedy}"
             )
         press = replace(self.assumed, gain=self.assumed.gain[[self.strongest]])
         pressure = float(press.compute_pressure(np.array([self.largest]))[0])

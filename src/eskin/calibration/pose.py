@@ -18,11 +18,13 @@ from scipy.stats import t as t_distribution
 
 from eskin.calibration.guide import (
     PressGuide,
+    PressRefusal,
     PressRequest,
     PressSummary,
 )
 from eskin.errors import SkinError
 from eskin.files import read_file
+from eskin.reasons import Reason
 from eskin.skin import MountedSkin, Skin
 from eskin.skin.surfaces import fit_centre
 from eskin.touch import Calibration
@@ -356,11 +358,11 @@ class PoseGuide(PressGuide[PosePress]):
         self.points = tuple(points)
         self.waiting = list(range(len(points)))
 
-    def describe_refusal(self, press: PressSummary, taxel: int) -> str:
-        """Describe on which other patch a press was felt; empty if it can be used."""
+    def find_refusal(self, press: PressSummary, taxel: int) -> Reason | None:
+        """Return on which other patch a press was felt; None if it can be used."""
         patch = self.skin.patches[int(self.skin.patch_index[taxel])].id
         asked = self.points[self.waiting[0]].patch
-        return "" if patch == asked else f"felt on patch '{patch}'"
+        return None if patch == asked else PressRefusal.OTHER_PATCH.reason(patch=patch)
 
     def build_press(self, press: PressSummary, taxel: int) -> PosePress:
         """Build the press of the point that is asked for from its mean pressure."""

@@ -3,6 +3,7 @@
 from typing import final
 
 from eskin.calibration.guide import PressGuide, PressRequest, PressSummary
+from eskin.reasons import Reason
 from eskin.skin import MountedSkin
 from eskin.skin.wiring import PressResponse, choose_press_targets
 from eskin.touch import Calibration
@@ -26,9 +27,9 @@ class WiringGuide(PressGuide[PressResponse]):
         self.targets = choose_press_targets(mounted.skin)
         self.waiting = list(self.targets)
 
-    def describe_refusal(self, press: PressSummary, taxel: int) -> str:
+    def find_refusal(self, press: PressSummary, taxel: int) -> Reason | None:
         """Refuse nothing: wherever a press is felt, it tells how patches are wired."""
-        return ""
+        return None
 
     def build_press(self, press: PressSummary, taxel: int) -> PressResponse:
         """Return the response to the press that is asked for."""

@@ -191,9 +191,9 @@ def describe_presses(result: "CalibrationResult") -> str:
     felt = format_count(used + refused, "press")
     if not refused:
         return f"{felt} felt, and all of them used"
-    why = ", ".join(
-        f"{reason} ({count})" for reason, count in Counter(result.refusals).items()
-    )
+    counts = Counter(reason.cause for reason in result.refusals)
+    told = {reason.cause: reason.what for reason in result.refusals}
+    why = ", ".join(f"{told[cause]} ({count})" for cause, count in counts.items())
     return f"{felt} felt: {used} used, {refused} not used since {why}"
 
 
