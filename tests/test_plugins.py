@@ -165,8 +165,8 @@ from eskin.live import TouchClassifier
 
 
 class Poked(TouchClassifier):
-    def __init__(self, model, touches):
-        super().__init__(model, touches)
+    def __init__(self, model, pipeline):
+        super().__init__(model, pipeline)
         self.answer = 9.0 * (np.array(model.card.vocabulary) == "poke")
 
     def classify_touches(self, state, floor):

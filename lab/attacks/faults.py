@@ -74,7 +74,7 @@ class FaultTally:
     commands: Counter[str] = field(default_factory=Counter)
     """Accepted commands of touches."""
 
-    def add(self, other: "FaultTally") -> None:
+    def add_counts(self, other: "FaultTally") -> None:
         """Add the counts of another build."""
         self.seconds += other.seconds
         self.touches += other.touches
@@ -235,7 +235,7 @@ def print_attacks(command: Command, names: list[str]) -> None:
     with get_context("spawn").Pool(command.workers) as pool:
         for parts in pool.imap_unordered(attack, plan_builds(command, names)):
             for tally, part in zip(tallies, parts, strict=True):
-                tally.add(part)
+                tally.add_counts(part)
             print(f"<!-- {tallies[0].seconds / 60:.0f} min -->", flush=True)
     print(f"{tallies[0].seconds / 3600:.2f} hours a row, counts an hour")
     print(format_head(["fault", "touches", "detections", *ACTIONS, "holds", "works"]))

@@ -156,7 +156,7 @@ def print_set(kind: str, command: Command, paths: tuple[Path, ...]) -> None:
         work = partial(count_untouched, kind=kind, floor=floor, model=command.model)
         with get_context("spawn").Pool(command.workers) as pool:
             for count, number in pool.imap_unordered(work, paths):
-                total.add(count)
+                total.add_counts(count)
                 stretches += number
         cells = [
             kind,

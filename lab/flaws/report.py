@@ -51,7 +51,7 @@ def describe_figures(
     """Return the cells of a row of the table."""
     rest = RestCount()
     for result in results:
-        rest.add(result.rest)
+        rest.add_counts(result.rest)
     scores = [score for result in results for score in result.touches]
     strong = [score for score in scores if score.peak >= STRONG_FORCE]
     return [

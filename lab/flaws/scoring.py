@@ -184,7 +184,7 @@ class RestCount:
     open_seconds: float = 0.0
     """Time with an open touch [s]."""
 
-    def add(self, other: "RestCount") -> None:
+    def add_counts(self, other: "RestCount") -> None:
         """Add the counts of another stretch."""
         self.seconds += other.seconds
         self.openings += other.openings

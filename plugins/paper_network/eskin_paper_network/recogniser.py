@@ -77,16 +77,16 @@ class FeatureWindow:
 class PaperClassifier(TouchClassifier):
     """This classifier gives all touches the probabilities of the whole skin."""
 
-    def __init__(self, model: Model, touches: TouchPipeline) -> None:
+    def __init__(self, model: Model, pipeline: TouchPipeline) -> None:
         """Start with an untouched skin; see `TouchClassifier`."""
-        super().__init__(model, touches)
+        super().__init__(model, pipeline)
         settings = read_settings(model.card)
-        self.network: PaperNetwork = load_network(model, touches.mounted)
+        self.network: PaperNetwork = load_network(model, pipeline.mounted)
         self.temperature = model.card.temperature
         vocabulary = model.card.vocabulary
         self.without = None if settings.knows_none else vocabulary.index(NONE)
-        nothing = np.zeros(touches.mounted.skin.count, np.float32)
-        q = np.zeros(len(touches.mounted.robot.joint_names))
+        nothing = np.zeros(pipeline.mounted.skin.count, np.float32)
+        q = np.zeros(len(pipeline.mounted.robot.joint_names))
         self.window = FeatureWindow(self.encode(nothing, q)[0], READINGS)
         self.is_classified = False
         self.answer = np.empty((2, len(vocabulary)), np.float32)

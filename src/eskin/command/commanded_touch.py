@@ -267,7 +267,7 @@ class CommandedTouches:
         self.latest = now
         self.left_at = now
 
-    def find(self, touch: int) -> CommandedTouch:
+    def find_touch(self, touch: int) -> CommandedTouch:
         """Return a touch by its id; a new one where it is not known."""
         return self.by_id.setdefault(touch, CommandedTouch(touch))
 
@@ -290,7 +290,7 @@ class CommandedTouches:
             self.close(number, merged.get(number, 0))
             self.by_id[number].is_held = number in held
         for row in state.tracking.held:
-            self.hold(self.find(row.id), row, recognition)
+            self.hold(self.find_touch(row.id), row, recognition)
         if state.open:
             for row in state.rows:
                 if row.confirmed and not row.closed:
@@ -307,11 +307,11 @@ class CommandedTouches:
 
     def close(self, number: int, merged_into: int) -> None:
         """Note that a touch has closed, and what it has merged into; 0 is nothing."""
-        touch = self.find(number)
+        touch = self.find_touch(number)
         touch.closed = True
         touch.lasts = False
         if merged_into:
-            heir = self.find(merged_into)
+            heir = self.find_touch(merged_into)
             touch.merge(heir)
             for request in self.requests:
                 if request.touch is touch:
@@ -323,7 +323,7 @@ class CommandedTouches:
         self, row: TouchRecord, patch: str, recognition: RecognitionState
     ) -> None:
         """Update an open touch on a patch by its record and its probabilities."""
-        touch = self.find(row.id)
+        touch = self.find_touch(row.id)
         stops = self.stops[patch]
         probabilities = recognition.probabilities.get(row.id)
         if probabilities is not None:
@@ -418,7 +418,7 @@ class CommandedTouches:
         It is the chance at its latest reading, or the detection's confidence if the
         likeliest gesture stops the arm.
         """
-        touch = self.find(detection.touch)
+        touch = self.find_touch(detection.touch)
         stops = self.stops[detection.patch]
         least = min(stops.values(), default=1.0)
         required = touch.stop_required if touch.patch else least

@@ -200,7 +200,7 @@ class Policy(Listener):
     def handle(self, item: Message) -> None:
         """Execute what a detection or a recognition state asks for."""
         if isinstance(item, Detection):
-            touch = self.touches.find(item.touch)
+            touch = self.touches.find_touch(item.touch)
             touch.decided = True
             touch.detected_force = item.peak_force
             touch.detected_area = touch.full_area

@@ -35,18 +35,18 @@ class TouchClassifier(ABC):
         features: features that the network has classified last.
     """
 
-    def __init__(self, model: Model, touches: TouchPipeline) -> None:
+    def __init__(self, model: Model, pipeline: TouchPipeline) -> None:
         """Start before the first reading.
 
         Args:
             model: weights and their card.
-            touches: pipeline that finds the touches.
+            pipeline: pipeline that finds the touches.
 
         Raises:
             ModelError: the weights do not fit the model's card.
             SkinMismatchError: they cannot be used on the skin of the pipeline.
         """
-        self.calibrated = touches.mounted.skin.calibrated
+        self.calibrated = pipeline.mounted.skin.calibrated
         self.logits: dict[int, PerClass] = {}
         self.probabilities: dict[int, PerClass] = {}
         self.features = np.empty(0, np.float32)
@@ -88,11 +88,11 @@ class TouchClassifier(ABC):
 class GraphClassifier(TouchClassifier):
     """A graph classifier encodes the contact graph of each touch, without torch."""
 
-    def __init__(self, model: Model, touches: TouchPipeline) -> None:
+    def __init__(self, model: Model, pipeline: TouchPipeline) -> None:
         """Start before the first reading; see `TouchClassifier`."""
-        super().__init__(model, touches)
+        super().__init__(model, pipeline)
         self.graphs = GraphStream(
-            touches.mounted, model.card.graph_used, touches.tracker.poses
+            pipeline.mounted, model.card.graph_used, pipeline.tracker.poses
         )
         self.stream = LogitStream(model, self.graphs.builder)
         self.features = self.stream.network.parts.features
@@ -118,7 +118,7 @@ class GraphClassifier(TouchClassifier):
         self.probabilities = self.stream.probabilities
 
 
-def build_classifier(model: Model, touches: TouchPipeline) -> TouchClassifier:
+def build_classifier(model: Model, pipeline: TouchPipeline) -> TouchClassifier:
     """Build the classifier that a model's card names.
 
     Raises:
@@ -126,6 +126,6 @@ def build_classifier(model: Model, touches: TouchPipeline) -> TouchClassifier:
     """
     name = model.card.recogniser
     if name == ESKIN:
-        return GraphClassifier(model, touches)
+        return GraphClassifier(model, pipeline)
     check_recogniser(name)
-    return load_plugin(RECOGNISERS, name)(model, touches)
+    return load_plugin(RECOGNISERS, name)(model, pipeline)

@@ -96,8 +96,8 @@ class Recognizer:
         # Never used: without a calibration, scans are refused.
         calibration = calibration or Calibration.uniform(skin.count, 4095, 100.0)
         poses = LinkPoseCache(mounted, card.graph.posed)
-        self.touches = TouchPipeline(mounted, calibration, card.pipeline, poses)
-        self.classifier = build_classifier(model, self.touches)
+        self.pipeline = TouchPipeline(mounted, calibration, card.pipeline, poses)
+        self.classifier = build_classifier(model, self.pipeline)
         self.decision_filter = DecisionFilter(
             card.vocabulary,
             decision or card.decision,
@@ -168,10 +168,10 @@ class Recognizer:
         self.check_input(sample)
         classifier = self.classifier
         if isinstance(sample, Scan):
-            state = self.touches.push_scan(sample)
-            classifier.classify_touches(state, self.touches.front_end.floor)
+            state = self.pipeline.push_scan(sample)
+            classifier.classify_touches(state, self.pipeline.front_end.floor)
         else:
-            state = self.touches.push_reading(sample)
+            state = self.pipeline.push_reading(sample)
             classifier.classify_touches(state, None)
         self.state = state
         self.logits = classifier.logits
@@ -196,7 +196,7 @@ class Recognizer:
 
     def finish(self) -> list[Detection]:
         """Close the touches still open, as at the end of a recording."""
-        closed = self.touches.finish()
+        closed = self.pipeline.finish()
         detections = self.build_detections(self.decision_filter.close(closed), closed)
         self.directions.forget(closed)
         self.probabilities = {}

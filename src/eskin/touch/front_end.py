@@ -139,7 +139,7 @@ class FrontEnd:
                 The state is then unchanged.
         """
         check_count(scan, self.skin)
-        instant = self.clock.advance(scan.stamp)
+        instant = self.clock.advance_to(scan.stamp)
         scan = self.turn(scan)
         # Faults need the pressure of this scan, so taxels are masked by those of the
         # last one; negative counts are invalid at once.
@@ -161,7 +161,7 @@ class FrontEnd:
         follow_faults(kernel_scan, self.context)
         self.mask = kernel_scan.faulty
         if instant.now - self.last_check >= self.fault_config.check_seconds - 1e-6:
-            self.check(kernel_scan, pressure)
+            self.update_faults(kernel_scan, pressure)
         valid = kernel_scan.used & ~self.mask
         shear = None
         if scan.shear is not None:
@@ -179,7 +179,9 @@ class FrontEnd:
             return scan
         return replace(scan, counts=self.calibration.turn_counts(scan.counts))
 
-    def check(self, scan: KernelScan, pressure: Float[np.ndarray, "taxel"]) -> None:
+    def update_faults(
+        self, scan: KernelScan, pressure: Float[np.ndarray, "taxel"]
+    ) -> None:
         """Check the signs of faults, and list them."""
         config = self.fault_config
         now = scan.instant.now

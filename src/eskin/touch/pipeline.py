@@ -71,13 +71,13 @@ class LinkPoseCache:
         """Return T_world_link of all links in the robot's order."""
         key = q.tobytes()
         if key != self.q:
-            self.check(q)
+            self.check_joint_count(q)
             used = q if self.use_kinematics else np.zeros_like(q)
             self.T_world_link = self.mounted.kinematics.poses(used)
             self.q = key
         return self.T_world_link
 
-    def check(self, q: Float[np.ndarray, "joint"]) -> None:
+    def check_joint_count(self, q: Float[np.ndarray, "joint"]) -> None:
         """Refuse the joint positions of another robot."""
         if len(q) != self.joints:
             raise ReadingError(
@@ -153,7 +153,7 @@ class TouchTracker:
         )
         self.context = pack(context)
         self.tracks = TrackFollower(skin.areas, parameters)
-        self.touches = TouchGrouper(context)
+        self.grouper = TouchGrouper(context)
         self.result = NO_TOUCHES
 
     def track_touches(self, reading: Reading, instant: Instant) -> TrackingResult:
@@ -181,10 +181,10 @@ class TouchTracker:
         rows, taxels = find_contacts(candidates, kernel_reading, self.context)
         contacts = build_contacts(instant.stamp, rows, taxels)
         self.tracks.follow_contacts(contacts, kernel_reading)
-        self.touches.group_tracks(self.tracks, rows[:, NEAR:], kernel_reading)
-        opened = tuple(self.touches.touches.values())
-        closed = tuple(self.touches.closed)
-        held = tuple(self.touches.held)
+        self.grouper.group_tracks(self.tracks, rows[:, NEAR:], kernel_reading)
+        opened = tuple(self.grouper.touches.values())
+        closed = tuple(self.grouper.closed)
+        held = tuple(self.grouper.held)
         if not (opened or closed or held or self.tracks.all):
             return NO_TOUCHES
         tracks = (*self.tracks.ongoing, *self.tracks.ended)
@@ -203,7 +203,7 @@ class TouchTracker:
         result = self.result
         self.result = NO_TOUCHES
         self.tracks.clear()
-        self.touches.clear()
+        self.grouper.clear()
         return result
 
 
@@ -323,7 +323,7 @@ class TouchPipeline:
         Raises:
             ReadingError: As for `push_scan`.
         """
-        self.tracker.poses.check(scan.q)
+        self.tracker.poses.check_joint_count(scan.q)
         reading = self.front_end.make_reading(scan)
         self.calibrated = self.front_end.clock.latest
         if len(self.insensitive):
@@ -356,10 +356,10 @@ class TouchPipeline:
             ReadingError: As for `push_scan`.
         """
         check_count(reading, self.mounted.skin)
-        self.tracker.poses.check(reading.q)
+        self.tracker.poses.check_joint_count(reading.q)
         instant = self.calibrated
         if instant is None or instant.stamp != reading.stamp:
-            instant = self.front_end.clock.advance(reading.stamp)
+            instant = self.front_end.clock.advance_to(reading.stamp)
         self.calibrated = None
         result = self.tracker.track_touches(reading, instant)
         self.reading = reading

@@ -155,7 +155,7 @@ class ReadingClock:
         """Start before the first reading."""
         self.latest: Instant | None = None
 
-    def advance(self, stamp: int) -> Instant:
+    def advance_to(self, stamp: int) -> Instant:
         """Advance to a reading of a stamp [ns].
 
         Raises:

@@ -114,7 +114,7 @@ def trace_recording(recording: Recording, model: Model) -> Trace:
         state = recognizer.state
         if state is not None and (state.touches or state.closed_touches):
             steps.append(record_step(recognizer, state.touches, state.closed_touches))
-    closed = recognizer.touches.finish()
+    closed = recognizer.pipeline.finish()
     if closed:
         steps.append(record_step(recognizer, (), closed))
     return Trace(
