@@ -491,6 +491,7 @@ class Policy(Listener):
             vocabulary=self.vocabulary,
             asked_at=self.context.clock.now(),
             before=tuple(self.touches.by_id.values()),
+            links=self.touches.links,
             config=self.config.question,
         )
         self.arm.show_question(True)

@@ -1,5 +1,10 @@
-"""This module defines the question that an arm asks before it does more."""
+"""This module defines the question that an arm asks before it does more.
 
+What counts as an answer reads as a list of conditions, each of which returns why a
+touch does not fulfil it, or None where it does.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import final
 
@@ -73,6 +78,9 @@ class Question:
     before: tuple[CommandedTouch, ...]
     """Touches that had left the skin just then."""
 
+    links: Mapping[str, str]
+    """Link of each patch."""
+
     config: QuestionConfig
     """What counts as its answer."""
 
@@ -103,7 +111,11 @@ class Question:
 
     def refuse(self, refusal: Refusal, **values: object) -> Reason:
         """Return why it is refused, and when the arm can be asked again."""
-        return refusal.reason(again=self.config.quiet_after_failure, **values)
+        return refusal.reason(
+            answer=self.answer.replace("_", " "),
+            again=self.config.quiet_after_failure,
+            **values,
+        )
 
     def find_refusal(self, touches: CommandedTouches) -> Reason | None:
         """Return why it is refused by now, or None where it is not.
@@ -118,50 +130,26 @@ class Question:
             is_merged = touch.heir is not None
             is_new = touch.onset is not None and not (is_left or is_merged)
             if is_new and touch is not self.touch:
-                refusal = self.find_touch_refusal(touch)
+                refusal = self.find_first(WHEN_IT_BEGINS, touch)
                 if refusal is not None:
                     return refusal
                 self.touch = touch
         if self.touch is None:
             if touches.latest <= self.deadline:
                 return None
-            answer = self.answer.replace("_", " ")
-            return self.refuse(Refusal.NO_ANSWER, answer=answer)
-        if self.touch.excess is not None:
-            problem = self.touch.excess.what
-            return self.refuse(Refusal.STRONG_ANSWER, problem=problem)
-        if self.touch.duration > self.config.max_seconds:
-            longest = self.config.max_seconds
-            return self.refuse(Refusal.LONG_ANSWER, seconds=longest)
-        return None if self.touch.is_present else self.find_doubt(self.touch, touches)
+            return self.refuse(Refusal.NO_ANSWER)
+        conditions = WHILE_IT_LASTS if self.touch.is_present else WHEN_IT_HAS_LEFT
+        return self.find_first(conditions, self.touch)
 
-    def find_doubt(
-        self, touch: CommandedTouch, touches: CommandedTouches
+    def find_first(
+        self, conditions: tuple["AnswerCondition", ...], touch: CommandedTouch
     ) -> Reason | None:
-        """Return why a touch that has left is no answer, or None where it is one."""
-        if touch.duration < self.config.min_seconds:
-            return self.refuse(Refusal.BRIEF_ANSWER, seconds=touch.duration)
-        link = self.request.detection.link
-        if touches.links[touch.patch] != link:
-            return self.refuse(Refusal.ANSWER_ELSEWHERE, link=link)
-        chances = dict(zip(self.vocabulary, touch.probabilities.tolist(), strict=False))
-        chance = chances.get(self.answer, 0.0)
-        others = [
-            chances.get(word, 0.0) for word in chances if word not in NON_GESTURES
-        ]
-        if chance < max([MIN_CONFIDENCE, *others]):
-            answer = self.answer.replace("_", " ")
-            return self.refuse(Refusal.UNCLEAR_ANSWER, answer=answer, chance=chance)
+        """Return why a touch does not fulfil the first of some conditions, or None."""
+        for condition in conditions:
+            refusal = condition(self, touch)
+            if refusal is not None:
+                return refusal
         return None
-
-    def find_touch_refusal(self, touch: CommandedTouch) -> Reason | None:
-        """Return why a touch that has begun cannot be the answer, or None."""
-        if self.touch is not None:
-            return self.refuse(Refusal.TWO_ANSWERS)
-        onset = touch.onset or 0
-        if onset < self.asked_at + self.config.least_delay * NS_PER_S:
-            return self.refuse(Refusal.TOUCHED_BEFORE_QUESTION)
-        return self.refuse(Refusal.LATE_ANSWER) if onset > self.deadline else None
 
     def is_answered(self, now: int) -> bool:
         """Return whether it is answered, if nothing refuses it.
@@ -172,3 +160,87 @@ class Question:
         if self.touch is None or self.touch.is_present:
             return False
         return now - self.touch.last >= self.config.quiet_after_answer * NS_PER_S
+
+
+AnswerCondition = Callable[[Question, CommandedTouch], Reason | None]
+"""Returns why a touch does not fulfil it, or None where it does."""
+
+
+def answer_is_one_touch(question: Question, touch: CommandedTouch) -> Reason | None:
+    """No other touch has begun to answer."""
+    if question.touch is None:
+        return None
+    return question.refuse(Refusal.TWO_ANSWERS)
+
+
+def answer_follows_question(question: Question, touch: CommandedTouch) -> Reason | None:
+    """It begins as long after the question as a person needs to see or hear it."""
+    least = question.asked_at + question.config.least_delay * NS_PER_S
+    if (touch.onset or 0) >= least:
+        return None
+    return question.refuse(Refusal.TOUCHED_BEFORE_QUESTION)
+
+
+def answer_is_in_time(question: Question, touch: CommandedTouch) -> Reason | None:
+    """It begins before the deadline."""
+    if (touch.onset or 0) <= question.deadline:
+        return None
+    return question.refuse(Refusal.LATE_ANSWER)
+
+
+def answer_is_gentle(question: Question, touch: CommandedTouch) -> Reason | None:
+    """It never exceeds the limits of force."""
+    if touch.excess is None:
+        return None
+    return question.refuse(Refusal.STRONG_ANSWER, problem=touch.excess.what)
+
+
+def answer_ends(question: Question, touch: CommandedTouch) -> Reason | None:
+    """It does not last for long."""
+    longest = question.config.max_seconds
+    if touch.duration <= longest:
+        return None
+    return question.refuse(Refusal.LONG_ANSWER, seconds=longest)
+
+
+def answer_is_no_hit(question: Question, touch: CommandedTouch) -> Reason | None:
+    """It lasts longer than most hits of things."""
+    if touch.duration >= question.config.min_seconds:
+        return None
+    return question.refuse(Refusal.BRIEF_ANSWER, seconds=touch.duration)
+
+
+def answer_is_there(question: Question, touch: CommandedTouch) -> Reason | None:
+    """It is on the link of the touch that asked."""
+    link = question.request.detection.link
+    if question.links[touch.patch] == link:
+        return None
+    return question.refuse(Refusal.ANSWER_ELSEWHERE, link=link)
+
+
+def answer_is_clear(question: Question, touch: CommandedTouch) -> Reason | None:
+    """Its gesture is the one that answers, likely enough and likelier than others."""
+    probabilities = touch.probabilities.tolist()
+    chances = dict(zip(question.vocabulary, probabilities, strict=False))
+    chance = chances.get(question.answer, 0.0)
+    others = [chances[word] for word in chances if word not in NON_GESTURES]
+    if chance >= max([MIN_CONFIDENCE, *others]):
+        return None
+    return question.refuse(Refusal.UNCLEAR_ANSWER, chance=chance)
+
+
+WHEN_IT_BEGINS: tuple[AnswerCondition, ...] = (
+    answer_is_one_touch,
+    answer_follows_question,
+    answer_is_in_time,
+)
+"""Conditions of a touch that may be the answer, once it has begun."""
+WHILE_IT_LASTS: tuple[AnswerCondition, ...] = (answer_is_gentle, answer_ends)
+"""Conditions of the touch that has begun to answer."""
+WHEN_IT_HAS_LEFT: tuple[AnswerCondition, ...] = (
+    *WHILE_IT_LASTS,
+    answer_is_no_hit,
+    answer_is_there,
+    answer_is_clear,
+)
+"""Conditions of the touch that has answered."""
