@@ -19,8 +19,8 @@ EskinError
 │   └── JogError        a jog that an arm does not make
 └── StreamError         a stream that had to stop                 (RuntimeError)
 
-Every message says in one line what is wrong, what was got, what is allowed, and the
-remedy. The command line prints that line and exits with code 2.
+Every message says in one line what is wrong, what was got, what is allowed, and a
+remedy unless that is plain. The command line prints that line and exits with code 2.
 """
 
 import platform
