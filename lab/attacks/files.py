@@ -20,7 +20,6 @@ from typing import Literal
 
 from eskin.skin import save_skin
 from lab.attacks.hostile_recordings import (
-    MATRICES,
     RECORDINGS,
     build_skin_writer,
 )
@@ -51,7 +50,6 @@ Kind = Literal[
     "skin",
     "robot",
     "recording",
-    "matrix",
     "set",
 ]
 FILES: dict[Kind, dict[str, Write]] = {
@@ -63,7 +61,6 @@ FILES: dict[Kind, dict[str, Write]] = {
     "skin": SKINS,
     "robot": ROBOTS | SPECIAL,
     "recording": RECORDINGS | SPECIAL,
-    "matrix": MATRICES,
     "set": DATASETS,
 }
 """Functions that write the files of each kind, by their mistake."""
@@ -76,7 +73,6 @@ NAMES: dict[Kind, str] = {
     "skin": "hostile",
     "robot": "hostile.urdf",
     "recording": "hostile.mcap",
-    "matrix": "hostile.mcap",
     "set": "hostile",
 }
 COMMANDS: dict[Kind, tuple[str, ...]] = {
@@ -107,7 +103,6 @@ COMMANDS: dict[Kind, tuple[str, ...]] = {
         "evaluate ur5 {}",
         "train {} --out new.safetensors",
     ),
-    "matrix": ("replay {}", "evaluate ur5 {}", "train {} --out new.safetensors"),
     "set": ("convert sleeve {} out",),
 }
 """Commands that open a file of each kind. They run in a folder with a good recording

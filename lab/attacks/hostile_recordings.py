@@ -1,7 +1,6 @@
 """Hostile recordings: small files that unpack to gigabytes, or whose skin does."""
 
 import struct
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from eskin.recording import Label, Metadata, RecordingWriter
 from eskin.recording.mcap_file import MAGIC
 from eskin.recording.messages import LABEL, READING, pack_label
 from eskin.recording.records import CALIBRATION_NAME, FORMAT, RECORD_NAME, SKIN_NAME
-from eskin.skin import Skin, build_grid_skin, skin_to_bytes
+from eskin.skin import Skin, skin_to_bytes
 from eskin.touch import Calibration, Scan
 from lab.attacks.hostile_texts import (
     LAUGHS,
@@ -100,11 +99,11 @@ def write_attachment(path: Path) -> None:
     write_records(path, Header("ros2", "eskin"), skin)
 
 
-def build_skin_writer(skin: Skin, matrix: bool = False) -> Write:
+def build_skin_writer(skin: Skin) -> Write:
     """Return a function that writes a valid recording of two scans of a skin."""
 
     def write(path: Path) -> None:
-        calibration = Calibration(np.full(skin.count, 0.02), 4095, matrix=matrix)
+        calibration = Calibration(np.full(skin.count, 0.02), 4095)
         received = np.ones(skin.count, np.bool_)
         with RecordingWriter(path, "table", skin, calibration, Metadata(), ()) as file:
             for number in range(2):
@@ -114,13 +113,6 @@ def build_skin_writer(skin: Skin, matrix: bool = False) -> Write:
             file.write_label(Label(START, START + PERIOD, "poke"))
 
     return write
-
-
-def spread_rows(count: int) -> Skin:
-    """Build a skin whose taxels share no row and no column."""
-    skin = build_grid_skin(1, count, name="spread")
-    patch = replace(skin.patches[0], rows=count)
-    return replace(skin, patches=(patch,), rows=np.arange(count))
 
 
 POKE = pack_label(Label(START, START + 1, "poke"))
@@ -147,8 +139,3 @@ RECORDINGS: dict[str, Write] = {
     "a hole of 1 TB": write_hole(1 << 40, MAGIC),
     "noise": write_noise,
 }
-
-MATRICES: dict[str, Write] = {
-    "10,000 rows and columns": build_skin_writer(spread_rows(10_000), matrix=True)
-}
-"""Recordings that only a command can refuse which estimates crosstalk."""

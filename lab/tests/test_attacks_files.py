@@ -59,7 +59,6 @@ READERS = {
     "skin": (load_skin, SkinError),
     "robot": (load_robot_whole, RobotError),
     "recording": (view, (RecordingError, SkinError)),
-    "matrix": (view, SkinError),
     "set": (lambda path: convert_sleeve(path, path / "out"), ImportSourceError),
 }
 LONG = {
@@ -67,7 +66,6 @@ LONG = {
     "a 3MF of 300 MB in 300 kB",
     "10,000 taxels in one point",
     "10,000 taxels, of them four far away",
-    "10,000 rows and columns",
     "1,000,000 elements",
     "250,000 equal labels",
     "20,000 links",
@@ -130,11 +128,9 @@ def test_changed_skin_is_refused_alike_in_folder_and_recording(
         (stack_taxels(40), "skin.check.MAX_COINCIDENT", "40 taxels in one place"),
     ],
 )
-def test_skin_of_too_many_pairs_or_crossings_is_refused(
-    tmp_path, monkeypatch, skin, limit, part
-):
+def test_skin_of_too_many_pairs_is_refused(tmp_path, monkeypatch, skin, limit, part):
     path = tmp_path / NAMES["recording"]
-    build_skin_writer(skin, matrix=True)(path)
+    build_skin_writer(skin)(path)
     monkeypatch.setattr(f"eskin.{limit}", 1)
     parse_shared_skin.cache_clear()
     with pytest.raises((SkinError, RecordingError), match=part):
