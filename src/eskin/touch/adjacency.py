@@ -120,6 +120,10 @@ class TaxelGroups(NamedTuple):
         starts = np.append(0, np.cumsum(sizes))
         return cls(index, sizes, kinds[0].copy(), kinds[1].copy(), order, starts)
 
+    def members(self, group: int) -> Int[np.ndarray, "some"]:
+        """Return the taxels of a group, ascending."""
+        return self.order[self.starts[group] : self.starts[group + 1]]
+
     def flagged_share(
         self, flags: Bool[np.ndarray, "taxel"]
     ) -> Float[np.ndarray, "group"]:

@@ -16,7 +16,7 @@ from eskin.touch.records import (
     TrackerContext,
     TrackingParameters,
 )
-from eskin.touch.taxel_kernels import SHORTEST_PRESS, select
+from eskin.touch.taxel_kernels import SHORTEST_PRESS, find_near, select
 from eskin.touch.taxels import Instant
 
 PA_PER_KPA = 1000.0
@@ -237,9 +237,7 @@ def select_pressed(
 @compiled
 def rises_alone(i: int, reading: KernelReading, context: TrackerContext) -> bool:
     """Return whether no neighbour of a taxel is pressed."""
-    span = context.geometry[i].neighbours
-    for k in range(span[0], span[1]):
-        j = context.neighbours[k]
+    for j in find_near(i, context.places.adjacency):
         floor = context.taxels[j].floor
         least = raise_limit(context.parameters.off, floor, PRESSED_FLOOR)
         if reading.valid[j] and reading.pressure[j] >= least:
@@ -495,22 +493,19 @@ def label_components(
     active: Indices, p_world: Points, context: TrackerContext
 ) -> Indices:
     """Label the connected sets of active taxels in the order of their first taxel."""
-    geometry = context.geometry
-    neighbours = context.neighbours
     taxels = context.taxels
     count = len(active)
     parents = np.arange(count)
     for a in range(count):
         taxels[active[a]].scratch_index = a
     for a in range(count):
-        span = geometry[active[a]].neighbours
-        for k in range(span[0], span[1]):
-            b = taxels[neighbours[k]].scratch_index
+        for j in find_near(active[a], context.places.adjacency):
+            b = taxels[j].scratch_index
             if b > a:
                 join_sets(parents, a, b)
     for a in range(count):
         taxels[active[a]].scratch_index = -1
-    join_links(active, p_world, geometry, parents)
+    join_links(active, p_world, context, parents)
     labels = np.empty(count, np.int64)
     found = 0
     for a in range(count):
@@ -555,9 +550,8 @@ def select_strong(
 def find_peak(i: int, reading: KernelReading, context: TrackerContext) -> float:
     """Return the pressure of a taxel, or of a press beside it that has ended."""
     peak = float(reading.pressure[i])
-    span = context.geometry[i].neighbours
-    for k in range(span[0], span[1]):
-        near = context.taxels[context.neighbours[k]]
+    for j in find_near(i, context.places.adjacency):
+        near = context.taxels[j]
         rested = reading.instant.now - near.pressed_at
         if near.released and rested <= PRESS_END.rest_seconds:
             peak = max(peak, near.strongest)
@@ -566,21 +560,22 @@ def find_peak(i: int, reading: KernelReading, context: TrackerContext) -> float:
 
 @compiled
 def join_links(
-    active: Indices, p_world: Points, geometry: np.ndarray, parents: Indices
+    active: Indices, p_world: Points, context: TrackerContext, parents: Indices
 ) -> None:
     """Join taxels of different links that are within reach in this pose.
 
     Consecutive taxels of one link form a run; the boxes of runs are compared first.
     """
+    links = context.links
+    reach = context.places.adjacency.reach
     ends = np.zeros(len(active) + 1, np.int64)
     runs = 0
     widest = 0.0
     for a in range(len(active)):
-        taxel = geometry[active[a]]
-        if a == 0 or taxel.link != geometry[active[a - 1]].link:
+        if a == 0 or links[active[a]] != links[active[a - 1]]:
             runs += 1
         ends[runs] = a + 1
-        widest = max(widest, taxel.reach)
+        widest = max(widest, reach[active[a]])
     if runs < 2:
         return
     boxes = np.empty((runs, 2, 3))
@@ -590,12 +585,12 @@ def join_links(
         for s in range(r + 1, runs):
             if box_gap(boxes[r], boxes[s]) > widest:
                 continue
-            if geometry[active[ends[r]]].link == geometry[active[ends[s]]].link:
+            if links[active[ends[r]]] == links[active[ends[s]]]:
                 continue
             for a in range(ends[r], ends[r + 1]):
                 if point_gap(p_world[a], boxes[s]) <= widest:
                     others = range(ends[s], ends[s + 1])
-                    join_near(a, others, active, p_world, geometry, parents)
+                    join_near(a, others, active, p_world, reach, parents)
 
 
 @compiled
@@ -604,16 +599,16 @@ def join_near(
     others: range,
     active: Indices,
     p_world: Points,
-    geometry: np.ndarray,
+    reach: Float[np.ndarray, "taxel"],
     parents: Indices,
 ) -> None:
     """Join one taxel with others that are within the larger reach."""
     for b in others:
-        reach = max(geometry[active[a]].reach, geometry[active[b]].reach)
+        larger = max(reach[active[a]], reach[active[b]])
         d0 = p_world[a, 0] - p_world[b, 0]
         d1 = p_world[a, 1] - p_world[b, 1]
         d2 = p_world[a, 2] - p_world[b, 2]
-        if d0 * d0 + d1 * d1 + d2 * d2 <= reach * reach:
+        if d0 * d0 + d1 * d1 + d2 * d2 <= larger * larger:
             join_sets(parents, a, b)
 
 
@@ -631,21 +626,22 @@ def find_contacts(
         other, each in the order of the candidates.
     """
     context = packed_context.fields
-    geometry = context.geometry
+    places = context.places
+    patches = places.patches
     taxel_states = context.taxels
-    links = geometry.link
+    links = context.links
     T_world_link = reading.T_world_link
     pressed = select_pressed(candidates, reading, context)
     active = update_pressed(pressed, reading, context)
-    p_world = transform_to_world(active, geometry.position, links, T_world_link, 1.0)
+    positions = places.positions
+    p_world = transform_to_world(active, positions, links, T_world_link, 1.0)
     labels = label_components(active, p_world, context)
     strong = select_strong(active, labels, reading, context)
     if len(strong) < len(active):
         active = strong
-        position = geometry.position
-        p_world = transform_to_world(active, position, links, T_world_link, 1.0)
+        p_world = transform_to_world(active, positions, links, T_world_link, 1.0)
         labels = label_components(active, p_world, context)
-    n_world = transform_to_world(active, geometry.normal, links, T_world_link, 0.0)
+    n_world = transform_to_world(active, places.normals, links, T_world_link, 0.0)
     rows = allocate_rows(labels)
     taxels = np.empty(len(active), np.int64)
     points = np.empty((len(active), 3))
@@ -658,9 +654,9 @@ def find_contacts(
         row[END] += 1
         row[AGE] = max(row[AGE], float(reading.instant.stamp - taxel_states[i].onset))
         taxels[k] = i
-        force = PA_PER_KPA * pressure * geometry[i].area
+        force = PA_PER_KPA * pressure * places.areas[i]
         row[FORCE] += force
-        row[AREA] += geometry[i].area
+        row[AREA] += places.areas[i]
         row[PEAK] = max(row[PEAK], pressure)
         for r in range(3):
             points[k, r] = p_world[a, r]
@@ -668,8 +664,8 @@ def find_contacts(
             row[N_WORLD + r] += force * n_world[a, r]
         if force > largest[labels[a]] or k == row[BEGIN]:
             largest[labels[a]] = force
-            row[LINK] = geometry[i].link
-            row[PATCH] = geometry[i].patch
+            row[LINK] = links[i]
+            row[PATCH] = patches.numbers[patches.group_index[i]]
     for row in rows:
         own = taxels[int(row[BEGIN]) : int(row[END])]
         row[EVIDENCE] = weigh_contact(own, reading, context)

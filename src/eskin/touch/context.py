@@ -5,14 +5,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eskin.touch.pressure_kernels import PressureCurve
-from eskin.touch.taxels import Instant, TaxelPlaces
+from eskin.touch.taxels import TaxelPlaces
 
 
 class KernelScan(NamedTuple):
     """A scan is passed to the kernels in this form."""
 
-    instant: Instant
-    """Its time."""
+    now: float
+    """Time since the first scan, `Instant.now` [s]."""
+    elapsed: float
+    """Time since the last scan, `Instant.elapsed` [s]. Kernels are given these numbers
+    alone, since an instant in a tuple takes 2 us longer at each call."""
     counts: np.ndarray
     """(taxel) counts."""
     received: np.ndarray
@@ -34,8 +37,6 @@ class Crosstalk(NamedTuple):
     device.
     """
 
-    bound: np.ndarray
-    """(taxel) counts that the touched taxels of its lines may add."""
     shown: np.ndarray
     """(taxel) measured conductance."""
     own: np.ndarray
@@ -69,7 +70,7 @@ class FrontEndContext(NamedTuple):
     """Largest share of the counts of a touched taxel on the others of its row, and of
     its column; 0 where taxels are not read out by rows and columns."""
     places: TaxelPlaces
-    """What each taxel belongs to."""
+    """Where each taxel is, and to what it belongs."""
     constants: np.ndarray
     """(taxel) TAXEL_CONSTANTS."""
     taxels: np.ndarray

@@ -146,7 +146,7 @@ def follow_faults(scan: KernelScan, packed_context: Packed) -> None:
     note_counts(scan, context)
     low = follow_noise(scan, context)
     follow_steps(scan, context)
-    is_known = scan.instant.now >= MIN_LEARNED
+    is_known = scan.now >= MIN_LEARNED
     if is_known and (low > 0 or is_turned(context) or has_outage(scan)):
         find_swings(scan, context)
 
@@ -155,7 +155,7 @@ def follow_faults(scan: KernelScan, packed_context: Packed) -> None:
 def note_counts(scan: KernelScan, context: FrontEndContext) -> None:
     """Note when the counts of each taxel last did what tells of a fault."""
     taxels = context.taxels
-    now = scan.instant.now
+    now = scan.now
     longest = context.faults.line_seconds
     for i in range(len(taxels)):
         if not scan.received[i]:
@@ -166,7 +166,7 @@ def note_counts(scan: KernelScan, context: FrontEndContext) -> None:
             taxel.first_received = taxel.last_changed = now
             taxel.counts = count
         # Time without data tells nothing of a taxel that shows the same count after it.
-        unheard = now - taxel.last_received - min(scan.instant.elapsed, longest)
+        unheard = now - taxel.last_received - min(scan.elapsed, longest)
         if taxel.last_received > NEVER and unheard > 0.0:
             taxel.last_changed += unheard
         taxel.last_received = now
@@ -200,15 +200,15 @@ def follow_steps(scan: KernelScan, context: FrontEndContext) -> None:
     more lightly, within a scan or two. At full scale all that presses is flat.
     """
     taxels = context.taxels
-    forget = np.exp(-scan.instant.elapsed / SUSPICION.fade_seconds)
-    follows = scan.instant.elapsed <= LONE_STEP.max_flat_interval
+    forget = np.exp(-scan.elapsed / SUSPICION.fade_seconds)
+    follows = scan.elapsed <= LONE_STEP.max_flat_interval
     for i in range(len(taxels)):
         taxel = taxels[i]
         taxel.suspicion *= forget
         if not scan.received[i]:
             taxel.flat_since = NEVER
             continue
-        if not follows or scan.instant.now - taxel.first_received < NOISE.seconds:
+        if not follows or scan.now - taxel.first_received < NOISE.seconds:
             taxel.flat_since = NEVER
             continue
         if taxel.flat_since > NEVER:
@@ -221,12 +221,12 @@ def follow_steps(scan: KernelScan, context: FrontEndContext) -> None:
 def follow_flat(i: int, scan: KernelScan, context: FrontEndContext) -> None:
     """Suspect a taxel that stays flat after a lone step for long enough."""
     taxel = context.taxels[i]
-    long_flat = max(LONE_STEP.flat_seconds, LONE_STEP.flat_scans * scan.instant.elapsed)
+    long_flat = max(LONE_STEP.flat_seconds, LONE_STEP.flat_scans * scan.elapsed)
     if taxel.first >= context.full_scale:
         taxel.flat_since = NEVER
     elif abs(taxel.first - taxel.flat_level) > FOLLOWS * taxel.flat_step:
         taxel.flat_since = NEVER
-    elif scan.instant.now - taxel.flat_since >= long_flat:
+    elif scan.now - taxel.flat_since >= long_flat:
         taxel.suspicion = SUSPICION.most
         taxel.flat_since = NEVER
 
@@ -249,13 +249,13 @@ def judge_step(i: int, scan: KernelScan, context: FrontEndContext) -> None:
     if not is_alone(i, size, context):
         return
     goes_on = abs(taxel.first - taxel.second) <= flat
-    if scan.instant.elapsed <= LONE_STEP.max_interval:
+    if scan.elapsed <= LONE_STEP.max_interval:
         if goes_on or abs(taxel.first - taxel.third) <= flat:
             taxel.suspicion = min(taxel.suspicion + 1.0, SUSPICION.most)
     least = max(least, LONE_STEP.sigmas / FOLLOWS * taxel.noise)
     if goes_on and min(step, taxel.second - rest) >= least:
         if taxel.first < context.full_scale:
-            taxel.flat_since = scan.instant.now - scan.instant.elapsed
+            taxel.flat_since = scan.now - scan.elapsed
             taxel.flat_step = step
             taxel.flat_level = taxel.second
 
@@ -290,15 +290,15 @@ def find_swings(scan: KernelScan, context: FrontEndContext) -> None:
     count = 0
     for i in range(len(taxels)):
         above = abs(scan.counts[i] - taxels[i].rest)
-        if scan.heard[i] and above > taxels[i].band + context.crosstalk.bound[i]:
+        if scan.heard[i] and above > taxels[i].band + context.taxels[i].bound:
             away[count] = i
             count += 1
     places = context.places
     sides = count_sides(scan, away[:count], scan.heard, places.patches, context)
-    follow_swings(scan.instant.now, sides, context)
+    follow_swings(scan.now, sides, context)
     for lines in (places.rows, places.columns):
         sides = count_sides(scan, away[:count], scan.received, lines, context)
-        doubt_mixed_lines(scan.instant.now, sides, lines, context)
+        doubt_mixed_lines(scan.now, sides, lines, context)
 
 
 @compiled
@@ -390,7 +390,7 @@ def doubt_even_lines(scan: KernelScan, context: FrontEndContext) -> None:
             if lines.sizes[line] < LINE.even_size:
                 continue
             if is_even(line, scan, lines, context):
-                doubt_line(line, scan.instant.now, lines, context)
+                doubt_line(line, scan.now, lines, context)
 
 
 @compiled
@@ -466,7 +466,7 @@ def spread_line_faults(
             continue
         for i in lines.order[lines.starts[line] : lines.starts[line + 1]]:
             if is_touched_beside(i, line, noisy, lines, context):
-                context.taxels[i].last_doubted = scan.instant.now
+                context.taxels[i].last_doubted = scan.now
             else:
                 scan.faulty[i] = True
 
@@ -510,7 +510,7 @@ def update_unanswered(
                     known += 1
                     count += pressure[j] >= least
         if count == 0:
-            taxel.last_unpressed = scan.instant.now
+            taxel.last_unpressed = scan.now
         elif known >= 3 and count >= context.faults.pressed_share * known:
             if taxel.last_changed <= taxel.last_unpressed:
                 taxel.unanswered += elapsed
@@ -574,7 +574,7 @@ def update_codes(
         lifted: taxels from which a hand has lifted that was taken for their rest.
         context: what is kept between scans.
     """
-    now = scan.instant.now
+    now = scan.now
     taxels = context.taxels
     parameters = context.faults
     patches = context.places.patches

@@ -19,7 +19,7 @@ from eskin.touch.fault_kernels import (
     follow_faults,
 )
 from eskin.touch.faults import Fault, list_faults
-from eskin.touch.known_rest import KnownRest
+from eskin.touch.known_rest import AT_REST_SIGMAS, find_known_rest
 from eskin.touch.noise_kernels import BAND, begin_taxels
 from eskin.touch.outage_kernels import check_patches
 from eskin.touch.polarity import PolarityDetector
@@ -34,6 +34,7 @@ from eskin.touch.rest_kernels import (
 from eskin.touch.taxel_kernels import NEVER, NO_FAULT, reset_rest
 from eskin.touch.taxels import (
     TAXEL_CONSTANTS,
+    Instant,
     ReadingClock,
     TaxelPlaces,
     build_patches,
@@ -96,6 +97,8 @@ class FrontEnd:
         self.constants = build_constants(self.calibration)
         self.taxels = build_taxels(skin.count)
         begin_taxels(self.constants, self.taxels)
+        known = self.calibration.rest
+        self.taxels["known_rest"] = np.nan if known is None else known
         self.patches = build_patches(len(skin.patches))
         self.crosstalk = build_crosstalk(skin.count, self.places)
         self.fault_config = faults or FaultConfig()
@@ -114,9 +117,10 @@ class FrontEnd:
                 faults=FaultParameters(**vars(self.fault_config)),
             )
         )
-        self.known_rest = KnownRest(skin, self.calibration)
         self.polarity = PolarityDetector(
             skin,
+            self.places,
+            self.taxels,
             "rising" if self.is_falling else "falling",
             self.calibration.full_scale,
             self.constants["clear"],
@@ -146,7 +150,8 @@ class FrontEnd:
         invalid = self.mask | (scan.counts < 0)
         received = scan.received.copy()
         kernel_scan = KernelScan(
-            instant=instant,
+            now=instant.now,
+            elapsed=instant.elapsed,
             counts=scan.counts,
             received=received,
             heard=scan.received,
@@ -161,15 +166,13 @@ class FrontEnd:
         follow_faults(kernel_scan, self.context)
         self.mask = kernel_scan.faulty
         if instant.now - self.last_check >= self.fault_config.check_seconds - 1e-6:
-            self.update_faults(kernel_scan, pressure)
+            self.update_faults(kernel_scan, pressure, instant)
         valid = kernel_scan.used & ~self.mask
         shear = None
         if scan.shear is not None:
             shear = self.calibrate_shear(scan.shear, kernel_scan)
         self.compensate(pressure, valid)
-        polarity = self.polarity.check_polarity(
-            scan, instant, self.taxels["margin"], self.mask
-        )
+        polarity = self.polarity.check_polarity(scan, instant, self.mask)
         self.faults = self.taxel_faults + polarity
         return Reading(scan.stamp, pressure, valid, scan.q, shear)
 
@@ -180,11 +183,14 @@ class FrontEnd:
         return replace(scan, counts=self.calibration.turn_counts(scan.counts))
 
     def update_faults(
-        self, scan: KernelScan, pressure: Float[np.ndarray, "taxel"]
+        self,
+        scan: KernelScan,
+        pressure: Float[np.ndarray, "taxel"],
+        instant: Instant,
     ) -> None:
         """Check the signs of faults, and list them."""
         config = self.fault_config
-        now = scan.instant.now
+        now = instant.now
         elapsed = min(now - self.last_check, 2.0 * config.check_seconds)
         check_faults(scan, pressure, self.last_check, elapsed, self.context)
         self.last_check = now
@@ -197,9 +203,7 @@ class FrontEnd:
             code = self.taxels["code"].copy()
             code[(code == NO_FAULT) & self.mask] = NOISY
             since = np.where(self.mask, self.taxels["since"], received)
-            found = list_faults(
-                self.skin, self.places, code, silent, since, scan.instant
-            )
+            found = list_faults(self.skin, self.places, code, silent, since, instant)
             self.taxel_faults = tuple(found)
 
     def start_from_rest(self, scan: KernelScan) -> None:
@@ -210,15 +214,14 @@ class FrontEnd:
         """
         taxels = self.taxels
         starts = scan.starts
-        known = self.known_rest
-        known.rest = np.where(self.is_tared, self.rest, known.rest)
-        rest, plausible = known.compare(
-            scan.counts, scan.used, taxels["margin"], self.places.adjacency
+        taxels["known_rest"][self.is_tared] = self.rest[self.is_tared]
+        rest, plausible = find_known_rest(
+            scan.counts, scan.used, taxels, self.constants, self.places
         )
         for i in np.flatnonzero(starts):
             reset_rest(i, taxels)
         found = starts & plausible
-        taxels["last_used"][starts] = scan.instant.now
+        taxels["last_used"][starts] = scan.now
         taxels["rest"][found] = rest[found]
         taxels["sample_count"][starts] = 0
         taxels["sample_count"][found] = self.config.tare_samples
@@ -228,10 +231,9 @@ class FrontEnd:
     ) -> Float[np.ndarray, "taxel 2"]:
         """Return the shear [kPa], and follow its rest while the taxel is untouched."""
         above = counts - self.shear_rest
-        instant = scan.instant
-        age = instant.now - self.taxels["last_touched"]
+        age = scan.now - self.taxels["last_touched"]
         idle = scan.used & (age > self.config.freeze_seconds)
-        step = instant.elapsed / (self.config.drift_seconds + instant.elapsed)
+        step = scan.elapsed / (self.config.drift_seconds + scan.elapsed)
         self.shear_rest[idle] += step * above[idle]
         shear = (above * self.calibration.shear_gain).astype(np.float32)
         shear[~scan.used] = 0.0
@@ -281,7 +283,10 @@ def build_constants(calibration: Calibration) -> np.ndarray:
     constants["least_noise"] = np.clip(
         BAND.least_contacts * contact, *BAND.least_counts
     )
+    # A noise that is not known is taken as one count.
+    constants["near_rest"] = AT_REST_SIGMAS
     if calibration.noise is not None:
+        constants["near_rest"] = AT_REST_SIGMAS * calibration.noise
         most = MAX_CONTACT * calibration.full_scale / BAND.noise_sigmas
         constants["start_noise"] = np.minimum(calibration.noise, most)
     return constants
@@ -290,7 +295,6 @@ def build_constants(calibration: Calibration) -> np.ndarray:
 def build_crosstalk(count: int, places: TaxelPlaces) -> Crosstalk:
     """Build the crosstalk of a device of some taxels of which nothing is known."""
     return Crosstalk(
-        bound=np.zeros(count),
         shown=np.zeros(count),
         own=np.zeros(count),
         detours=np.zeros(count),

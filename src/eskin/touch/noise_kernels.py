@@ -132,8 +132,8 @@ def follow_noise(scan: KernelScan, context: FrontEndContext) -> int:
     """
     taxels = context.taxels
     constants = context.constants
-    now = scan.instant.now
-    elapsed = scan.instant.elapsed
+    now = scan.now
+    elapsed = scan.elapsed
     fast = min(elapsed / NOISE.seconds, NOISE.most_part)
     slow = fast * NOISE.seconds / NOISE.wander_seconds
     is_fast = 2.0 * elapsed <= SHORTEST_PRESS
@@ -166,7 +166,7 @@ def follow_noise(scan: KernelScan, context: FrontEndContext) -> int:
         between = taxel.second - rest
         if rests and between > taxel.band and not is_fast:
             rests = is_alone(i, between, context)
-        rests &= context.crosstalk.bound[i] <= taxel.band
+        rests &= context.taxels[i].bound <= taxel.band
         if starts or rests or calms or (is_fast and scan.faulty[i]):
             part = max(fast, elapsed / (since + elapsed)) if learns else fast
             if above < -contact and seen < taxel.noise and is_lifted(i, context):
@@ -252,14 +252,14 @@ def limit_noise(
     curve = context.curve
     usual = find_usual(context)
     patch_index = context.places.patches.group_index
-    learnt = max(NOISE.seconds, NOISY_TAXEL.learn_scans * scan.instant.elapsed)
+    learnt = max(NOISE.seconds, NOISY_TAXEL.learn_scans * scan.elapsed)
     for i in range(len(taxels)):
         taxel = taxels[i]
         contact = constants[i].contact
         least = constants[i].least_noise
         patch = patch_index[i]
         noise = taxel.noise
-        since = scan.instant.now - taxel.first_received
+        since = scan.now - taxel.first_received
         share = noise / max(NOISY_TAXEL.contacts * contact, least)
         is_noisier = noise >= NOISY_TAXEL.ratio * usual[0, patch]
         noisy[i] = since >= learnt and share >= 1.0 and is_noisier
@@ -267,7 +267,7 @@ def limit_noise(
         restless = since >= learnt / 2.0 and share >= NOISY_TAXEL.doubtful_share
         restless &= is_noisier
         if noisy[i] or restless:
-            taxel.last_doubted = scan.instant.now
+            taxel.last_doubted = scan.now
         limit_taxel(i, usual[1, patch], constants, taxels)
         floor = linearise_counts(taxel.noise_limit, curve) * constants[i].gain
         floor = add_unfelt(floor, curve)
@@ -279,7 +279,7 @@ def limit_noise(
         lifted[i] = is_low and is_lifted(i, context)
 
 
-@compiled
+@compiled(error_model="numpy")
 def limit_taxel(
     i: int, usual: float, constants: np.ndarray, taxels: np.ndarray
 ) -> None:

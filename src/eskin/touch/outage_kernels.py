@@ -117,7 +117,7 @@ def check_patches(scan: KernelScan, packed_context: Packed) -> bool:
         Whether it does so on some taxels.
     """
     context = packed_context.fields
-    now = scan.instant.now
+    now = scan.now
     groups = context.places.patches
     begins = False
     for n in range(len(groups.sizes)):

@@ -42,11 +42,10 @@ from eskin.touch.records import (
     TrackConfig,
     TrackerContext,
     TrackingResult,
-    build_taxel_geometry,
     build_tracking_parameters,
 )
 from eskin.touch.rest_kernels import CalibrationConfig
-from eskin.touch.taxels import Instant
+from eskin.touch.taxels import Instant, TaxelPlaces
 from eskin.touch.touches import Touch, TouchState
 from eskin.touch.tracking import TouchGrouper, TrackFollower
 
@@ -105,6 +104,7 @@ class TouchTracker:
         tracks: TrackConfig,
         touches: TouchConfig,
         poses: LinkPoseCache,
+        places: TaxelPlaces,
         taxels: np.ndarray,
         release_seconds: float,
     ) -> None:
@@ -116,6 +116,7 @@ class TouchTracker:
             tracks: limits of the motion of contacts.
             touches: limits of what belongs to one touch.
             poses: poses of the robot's links.
+            places: places of the taxels.
             taxels: (taxel) `TAXEL`, whose contact is updated.
             release_seconds: `Calibration.release_seconds`.
         """
@@ -138,8 +139,8 @@ class TouchTracker:
         self.release_rate = np.full(1, 1.0 / release_seconds)
         context = TrackerContext(
             parameters=parameters,
-            geometry=build_taxel_geometry(mounted, adjacency),
-            neighbours=adjacency.neighbours,
+            places=places._replace(adjacency=adjacency),
+            links=np.array(mounted.taxel_link_index, np.int64),
             taxels=taxels,
             pressed=np.empty(skin.count, np.int64),
             pressed_count=self.pressed_count,
@@ -152,7 +153,7 @@ class TouchTracker:
             releases=np.zeros(1, np.int64),
         )
         self.context = pack(context)
-        self.tracks = TrackFollower(skin.areas, parameters)
+        self.tracks = TrackFollower(places.areas, parameters)
         self.grouper = TouchGrouper(context)
         self.result = NO_TOUCHES
 
@@ -302,6 +303,7 @@ class TouchPipeline:
             self.config.tracks,
             self.config.touches,
             poses or LinkPoseCache(mounted),
+            self.front_end.places,
             self.front_end.taxels,
             calibration.release_seconds,
         )

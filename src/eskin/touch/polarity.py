@@ -11,7 +11,7 @@ from eskin.touch.fault_kernels import LINE
 from eskin.touch.faults import Fault, FaultKind
 from eskin.touch.outage_kernels import MAX_PRESSED
 from eskin.touch.reading import Scan
-from eskin.touch.taxels import Instant
+from eskin.touch.taxels import Instant, TaxelPlaces
 from eskin.units import seconds_between
 
 Flags = Bool[np.ndarray, "taxel"]
@@ -57,6 +57,9 @@ class Move:
 
     since: int
     """Stamp at which it was seen first [ns]."""
+    faulty: Flags
+    """Which taxels of the patch were faulty then: a press the wrong way looks like a
+    fault, which must not hide the rest of it."""
     scans: int = 0
     """Number of scans looked at."""
     most: Float[np.ndarray, "way"] = field(default_factory=lambda: np.zeros(2))
@@ -85,12 +88,20 @@ class PolarityDetector:
     """
 
     def __init__(
-        self, skin: Skin, way: FaultKind, full_scale: int, least: Values
+        self,
+        skin: Skin,
+        places: TaxelPlaces,
+        taxels: np.ndarray,
+        way: FaultKind,
+        full_scale: int,
+        least: Values,
     ) -> None:
         """Start without any touch.
 
         Args:
             skin: the skin.
+            places: places of its taxels.
+            taxels: (taxel) `TAXEL`, whose margins are read.
             way: kind of the fault where counts fall.
             full_scale: counts at which the converter saturates.
             least: counts above rest from which a move of a taxel may be a touch.
@@ -99,10 +110,10 @@ class PolarityDetector:
         self.way: FaultKind = way
         self.full_scale = full_scale
         self.least = least
-        index = np.asarray(skin.patch_index)
-        self.members = [np.flatnonzero(index == n) for n in range(len(skin.patches))]
+        self.patches = places.patches
+        self.margin = taxels["margin"]
+        # Not in `TAXEL`, since numpy reads an array by itself faster.
         self.level = np.full(skin.count, np.nan)
-        self.mask = np.zeros(skin.count, np.bool_)
         self.moves: dict[int, Move] = {}
         self.alone: tuple[set[int], set[int]] = (set(), set())
         self.risen = 0
@@ -110,39 +121,37 @@ class PolarityDetector:
         self.faults: tuple[Fault, ...] = ()
 
     def check_polarity(
-        self, scan: Scan, instant: Instant, margin: Values, mask: Flags
+        self, scan: Scan, instant: Instant, mask: Flags
     ) -> tuple[Fault, ...]:
         """Check the next scan.
 
         Args:
             scan: the scan.
             instant: its time.
-            margin: counts from which a taxel may be touched.
             mask: taxels that are faulty.
         """
         elapsed = instant.now - self.last
         if self.risen >= RULE.enough or elapsed < RULE.period:
             return self.faults
         self.last = instant.now
-        # A press the wrong way looks like a fault, which must not hide the rest of it.
-        if self.moves:
-            mask = mask.copy()
-            for patch in self.moves:
-                own = self.members[patch]
-                mask[own] = self.mask[own]
-        self.mask = mask
-        use = scan.received & ~self.mask & (scan.counts >= 0)
+        mask = mask.copy()
+        for patch, move in self.moves.items():
+            mask[self.patches.members(patch)] = move.faulty
+        use = scan.received & ~mask & (scan.counts >= 0)
         new = use & np.isnan(self.level)
         self.level[new] = scan.counts[new]
         away = scan.counts - self.level
-        moved = use & (np.abs(away) > margin)
+        moved = use & (np.abs(away) > self.margin)
         step = 1.0 - np.exp(-elapsed / RULE.track_seconds)
         self.level += np.where(use & ~moved, step * away, 0.0)
         if self.moves or moved.any():
-            for patch, members in enumerate(self.members):
+            for patch in range(len(self.patches.sizes)):
+                members = self.patches.members(patch)
                 own = members[use[members]]
                 if len(own) and (patch in self.moves or moved[own].any()):
-                    self.follow(patch, own, scan, away, margin)
+                    move = Move(scan.stamp, mask[members])
+                    self.moves.setdefault(patch, move)
+                    self.follow(patch, own, scan, away)
         return self.faults
 
     def follow(
@@ -151,7 +160,6 @@ class PolarityDetector:
         own: Int[np.ndarray, "own"],
         scan: Scan,
         away: Values,
-        margin: Values,
     ) -> None:
         """Follow the move of a patch, and judge it when it ends.
 
@@ -160,11 +168,10 @@ class PolarityDetector:
             own: its taxels with data.
             scan: the scan.
             away: counts of all taxels from their level.
-            margin: counts from which a taxel may be touched.
         """
-        move = self.moves.setdefault(patch, Move(scan.stamp))
+        move = self.moves[patch]
         far = away[own]
-        least = margin[own]
+        least = self.margin[own]
         sums = np.array([-far[far < -least].sum(), far[far > least].sum()])
         if sums.max() > move.most.max():
             far = -far if sums[0] > sums[1] else far

@@ -15,9 +15,8 @@ from jaxtyping import Int
 from pydantic import Field
 
 from eskin.files import Distance, Pause, Pressure, Share
-from eskin.skin import MountedSkin
-from eskin.touch.adjacency import MICROMETRE, Adjacency
-from eskin.touch.taxels import Instant, build_dtype
+from eskin.touch.adjacency import MICROMETRE
+from eskin.touch.taxels import Instant, TaxelPlaces
 
 NO_INDEX = -1
 """Index of no contact, track or touch."""
@@ -184,12 +183,6 @@ class TrackingResult(NamedTuple):
 NO_TOUCHES = TrackingResult()
 """The result of an untouched skin."""
 
-TAXEL_GEOMETRY = build_dtype(
-    "link patch", "area reach", "position normal", "neighbours"
-)
-"""A taxel in the frame of its link: position [m], outward normal, area [m2], reach as
-in `Adjacency` [m], link, patch, and the span of its neighbours on the same link."""
-
 
 @dataclass(frozen=True)
 class ContactConfig:
@@ -305,10 +298,10 @@ class TrackerContext(NamedTuple):
 
     parameters: TrackingParameters
     """Thresholds, distances and times."""
-    geometry: np.ndarray
-    """(taxel) TAXEL_GEOMETRY."""
-    neighbours: np.ndarray
-    """(pair) neighbours of all taxels; the spans in `geometry` refer to it."""
+    places: TaxelPlaces
+    """Where each taxel is, and to what it belongs."""
+    links: np.ndarray
+    """(taxel) indices of their links in the robot's order."""
     taxels: np.ndarray
     """(taxel) TAXEL, which is updated."""
     pressed: np.ndarray
@@ -342,18 +335,3 @@ class KernelReading(NamedTuple):
     """(taxel) whether the pressure is valid."""
     T_world_link: np.ndarray
     """(link, 4, 4) poses of the robot's links."""
-
-
-def build_taxel_geometry(mounted: MountedSkin, adjacency: Adjacency) -> np.ndarray:
-    """Build the TAXEL_GEOMETRY of every taxel of a skin."""
-    skin = mounted.skin
-    geometry = np.empty(skin.count, TAXEL_GEOMETRY)
-    geometry["position"] = skin.positions
-    geometry["normal"] = skin.normals
-    geometry["area"] = skin.areas
-    geometry["reach"] = adjacency.reach
-    geometry["link"] = mounted.taxel_link_index
-    geometry["patch"] = skin.patch_index
-    geometry["neighbours"][:, 0] = adjacency.starts[:-1]
-    geometry["neighbours"][:, 1] = adjacency.starts[1:]
-    return geometry

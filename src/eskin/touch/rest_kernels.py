@@ -85,7 +85,7 @@ def follow_rest(scan: KernelScan, packed_context: Packed, pressure: Values) -> N
     constants = context.constants
     curve = context.curve
     taxels = context.taxels
-    now = scan.instant.now
+    now = scan.now
     size = context.samples.shape[1]
     touched = False
     pressed = False
@@ -119,7 +119,7 @@ def follow_rest(scan: KernelScan, packed_context: Packed, pressure: Values) -> N
         if touched:
             bound_crosstalk(scan, context)
         else:
-            context.crosstalk.bound[:] = 0.0
+            taxels.bound[:] = 0.0
     move_rest(scan, context)
 
 
@@ -136,7 +136,7 @@ def is_touched(i: int, taxels: np.ndarray) -> bool:
 def mark_touched(scan: KernelScan, context: FrontEndContext) -> None:
     """Mark taxels that are touched and their neighbours, and raise their peaks."""
     taxels = context.taxels
-    now = scan.instant.now
+    now = scan.now
     chosen = np.zeros(len(taxels), np.bool_)
     for i in range(len(taxels)):
         if scan.used[i] and (is_touched(i, taxels) or taxels[i].clear):
@@ -185,7 +185,7 @@ def is_residual(i: int, now: float, context: FrontEndContext) -> bool:
     parameters = context.rest
     if now - taxel.steady_since <= parameters.steady_seconds:
         return False
-    least = max(parameters.steady_band * taxel.margin, context.crosstalk.bound[i])
+    least = max(parameters.steady_band * taxel.margin, context.taxels[i].bound)
     if taxel.above <= least:
         return False
     if taxel.above < parameters.residual * taxel.peak:
@@ -215,7 +215,7 @@ def bound_crosstalk(scan: KernelScan, context: FrontEndContext) -> None:
         others = row_sums[rows.group_index[i]] + column_sums[columns.group_index[i]]
         if scan.used[i] and is_touched(i, taxels):
             others -= 2.0 * taxels[i].above
-        context.crosstalk.bound[i] = context.line_share * others
+        context.taxels[i].bound = context.line_share * others
 
 
 @compiled
@@ -223,7 +223,7 @@ def move_rest(scan: KernelScan, context: FrontEndContext) -> None:
     """Move the rest of each taxel towards its counts while it is untouched."""
     taxels = context.taxels
     parameters = context.rest
-    now = scan.instant.now
+    now = scan.now
     band = parameters.steady_band
     freeze = parameters.freeze_seconds
     size = context.samples.shape[1]
@@ -248,7 +248,7 @@ def move_rest(scan: KernelScan, context: FrontEndContext) -> None:
         if abs(count - taxel.steady_level) > band * margin:
             taxel.steady_level = count
             taxel.steady_since = now
-        foreign = context.crosstalk.bound[i]
+        foreign = context.taxels[i].bound
         is_brief = now - taxel.touched_since <= parameters.longest_seconds
         if foreign > band * margin and abs(above) <= foreign and is_brief:
             taxel.low = taxel.low_since = np.inf

@@ -1,9 +1,10 @@
 """This module defines the state of each taxel and patch, and how time passes.
 
 Three records hold what is known of a taxel: `TAXEL_CONSTANTS`, which a calibration
-gives; `TaxelPlaces`, which says what it belongs to; and `TAXEL`, its state, which every
-reading updates. The kernels that do so are, in their order, those of outages, rest,
-noise, faults, crosstalk and contacts.
+gives; `TaxelPlaces`, which says where it is and what it belongs to; and `TAXEL`, its
+state, which every reading updates. The kernels that do so are, in their order, those of
+outages, rest, noise, faults, crosstalk and contacts. Their contexts hold in addition
+what is kept of several readings: the samples of the tare, and the latest pressures.
 """
 
 import math
@@ -23,37 +24,31 @@ Flags = Bool[np.ndarray, "taxel"]
 Values = Float[np.ndarray, "taxel"]
 
 
-def build_dtype(
-    integers: str, reals: str, vectors: str = "", spans: str = ""
-) -> np.dtype:
+def build_dtype(integers: str, reals: str) -> np.dtype:
     """Build the type of records from the names of their fields of each kind."""
-    kinds = (
-        (integers, "i8", ()),
-        (reals, "f8", ()),
-        (vectors, "f8", 3),
-        (spans, "i8", 2),
-    )
-    return np.dtype(
-        [(name, kind, shape) for names, kind, shape in kinds for name in names.split()]
-    )
+    kinds = ((integers, "i8"), (reals, "f8"))
+    return np.dtype([(name, kind) for names, kind in kinds for name in names.split()])
 
 
-TAXEL_CONSTANTS = build_dtype("", "gain contact clear least_noise start_noise")
+TAXEL_CONSTANTS = build_dtype(
+    "", "gain contact clear least_noise start_noise near_rest"
+)
 """Constants of a taxel: its gain [kPa/count]; the counts above rest at which contact
-begins, at which it is clear, and that may be noise at least; and the calibrated
-standard deviation of its noise [counts], 0 where it was not measured."""
+begins, at which it is clear, and that may be noise at least; the calibrated standard
+deviation of its noise [counts], 0 where it was not measured; and the counts from a
+known rest at which it may be untouched."""
 
 TAXEL = build_dtype(
     integers=" ".join(
         [
             "counts accepted code sample_count",
-            "onset pressed clear released changed moved scratch_index",
+            "onset pressed clear released changed moved touch scratch_index",
         ]
     ),
     reals=" ".join(
         [
             "first_received last_received last_used",
-            "rest above confirmed peak margin low low_since",
+            "rest known_rest above bound confirmed peak margin low low_since",
             "touched_since last_touched steady_level steady_since next_sample",
             "first second third fourth noise wander noise_limit band floor",
             "suspicion flat_since flat_level flat_step last_doubted",
@@ -70,7 +65,9 @@ is known, of the latest, and of the latest while it had no fault. `counts`: late
 counts; `accepted`: the latest of no outage; `first` to `fourth`: the latest four, NaN
 where they are not known.
 
-Rest: `rest` [counts]; `above`, the counts above it at the latest scan; `confirmed`, the
+Rest: `rest` [counts]; `known_rest`, that before the latest silence, or the calibrated
+one, NaN where there is none; `above`, the counts above rest at the latest scan;
+`bound`, those of them that touched taxels of its lines may add; `confirmed`, the
 lesser of those of two scans if they are at most `SHORTEST_PRESS` apart; `peak`, the
 recent peak of `confirmed` of it and its neighbours, which fades; `margin`, the counts
 above rest from which it may be touched; `low` and `low_since`, the counts of the latest
@@ -102,7 +99,8 @@ has ended although it has not been at rest since; `latest`, its latest pressure;
 `strongest`, the greatest smooth one, which fades; `lowest`, the smallest smooth one
 since its contact ended [kPa]; `fastest`, the greatest rate at which it fell [1/s];
 `moved` and `changed`, whether it rose at this reading, and at the one before;
-`risen_at`, when it last rose alone; `scratch_index`, a temporary variable, -1 between
+`risen_at`, when it last rose alone; `touch`, the touch of the latest contact that it
+was in, 0 for none; `scratch_index`, a temporary variable, -1 between
 readings."""
 
 PATCH = build_dtype(
@@ -179,9 +177,17 @@ class ReadingClock:
 
 
 class TaxelPlaces(NamedTuple):
-    """Places say to which neighbourhood, patch, row and column each taxel belongs."""
+    """Places say where each taxel is on its link, and to what it belongs."""
 
+    positions: Float[np.ndarray, "taxel 3"]
+    """Positions in the frames of the links [m]."""
+    normals: Float[np.ndarray, "taxel 3"]
+    """Outward normals in the frames of the links; unit."""
+    areas: Float[np.ndarray, "taxel"]
+    """Areas [m2]."""
     adjacency: Adjacency
+    """Neighbours on the same link. They are those beside a taxel, but for the tracker
+    those that its contacts connect, by a reach that its configuration gives."""
     patches: TaxelGroups
     rows: TaxelGroups
     columns: TaxelGroups
@@ -190,6 +196,9 @@ class TaxelPlaces(NamedTuple):
     def build(cls, skin: Skin) -> "TaxelPlaces":
         """Build the places of the taxels of a skin."""
         return cls(
+            positions=np.array(skin.positions, np.float64),
+            normals=np.array(skin.normals, np.float64),
+            areas=np.array(skin.areas, np.float64),
             adjacency=Adjacency.build(skin),
             patches=TaxelGroups.build(skin, np.asarray(skin.patch_index)),
             rows=TaxelGroups.build(skin, np.asarray(skin.rows)),

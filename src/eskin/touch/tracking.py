@@ -261,12 +261,13 @@ class TouchGrouper:
         self.parameters = context.parameters
         self.smooth = context.taxels["smooth"]
         self.strongest = context.taxels["strongest"]
-        self.links = context.geometry["link"]
-        self.areas = context.geometry["area"]
+        self.pressed_at = context.taxels["pressed_at"]
+        self.released = context.taxels["released"]
+        self.owner = context.taxels["touch"]
+        self.links = context.links
+        self.areas = context.places.areas
         self.pressed = context.pressed
         self.pressed_count = context.pressed_count
-        self.in_contact = np.zeros(len(self.links), np.bool_)
-        self.owner = np.zeros(len(self.links), np.int64)
         self.next_id = 1
         self.clear()
 
@@ -532,11 +533,9 @@ class TouchGrouper:
                 self.past[touch.id] = touch
         for track in self.current:
             self.owner[track.contact.taxels] = track.touch
-            self.in_contact[track.contact.taxels] = True
         pressed = self.pressed[: self.pressed_count[0]]
-        others = pressed[~self.in_contact[pressed]]
-        for track in self.current:
-            self.in_contact[track.contact.taxels] = False
+        is_old = self.pressed_at[pressed] < self.reading.instant.now
+        others = pressed[is_old | (self.released[pressed] != 0)]
         taxels = NO_TAXELS
         if len(others):
             smooth = self.smooth[others]
