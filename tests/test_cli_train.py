@@ -315,7 +315,8 @@ def test_invalid_input_is_refused_and_nothing_is_written(ann, tmp_path, refuse):
     gone = tmp_path / "gone"
     empty = tmp_path / "empty"
     empty.mkdir()
-    quiet = record(tmp_path / "quiet.mcap", (), calibrated=True)
+    soft = [label(0.5, 1.5, "soft")]
+    quiet = record(tmp_path / "quiet.mcap", (), labels=soft, calibrated=True)
     one = record(tmp_path / "one.mcap", ["hold"], calibrated=True)
     wave = record(tmp_path / "wave.mcap", labels=[label(2.4, 3.6, "wave")])
     silent = record(tmp_path / "silent.mcap", labels=[])
@@ -333,7 +334,7 @@ def test_invalid_input_is_refused_and_nothing_is_written(ann, tmp_path, refuse):
         ((ann, "--out", start / "m"), "no folder"),
         ((quiet, *out), "no touch in 1 recording;"),
         ((one, *out), "hold only hold"),
-        ((silent, *out), "silent.mcap, have no labels"),
+        ((silent, *out), "silent.mcap has no labels"),
         ((named, *out), "named.mcap, label at 2.40 s: gesture 'tap ' begins or ends"),
         ((ann, *out, "--classes", "grab"), "no recording is labelled grab"),
         ((ann, *out, "--test", gone), "no recording at"),

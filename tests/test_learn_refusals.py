@@ -13,7 +13,7 @@ from eskin.learn.config import AugmentConfig
 from eskin.learn.dataset import map_graphs, prepare
 from eskin.learn.ground_truth import INDEX_NAME, read_clips
 from eskin.learn.training import TrainConfig
-from helpers.learning import record
+from helpers.learning import label, record
 from helpers.refusals import REFUSALS, check_refusal, refusal
 
 CLIP = {
@@ -23,6 +23,8 @@ CLIP = {
     "kind": "tip",
     "plan": {"seconds": 2.0},
 }
+SOFT = {"labels": [label(0.5, 1.5, "soft")], "calibrated": True}
+"""Options of a recording whose only gesture is too soft to be felt."""
 
 
 def setting(config, entry, value):
@@ -83,7 +85,7 @@ ROWS = [
     refusal(
         "recording without touches",
         RecordingError,
-        lambda folder: prepare([record(folder / "a.mcap", (), calibrated=True)]),
+        lambda folder: prepare([record(folder / "a.mcap", (), **SOFT)]),
         "no touch in 1 recording;",
     ),
     refusal(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.errors import RobotError
+from eskin.errors import RobotError, warn_once
 from eskin.robot import (
     Box,
     Cylinder,
@@ -17,7 +17,7 @@ from eskin.robot import (
     load_robot,
     load_urdf,
 )
-from eskin.robot.urdf import parse_urdf, warn_once
+from eskin.robot.urdf import parse_urdf
 from helpers.robots import (
     MESH,
     POINTER,

@@ -346,7 +346,7 @@ BAD = {
     ),
     "label outside": (
         lambda c: c | {"gesture": ["a"], "start": [1], "end": [2]},
-        "label 0 starts at 1 ns; allowed are labels within the readings",
+        "1 of 1 labels lie outside of the recording, 54 years from it",
     ),
     "labels that overlap": (
         lambda c: (

@@ -16,9 +16,13 @@ from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn.dataset import Dataset
 from eskin.learn.evaluation import find_window_ends
 from eskin.learn.ground_truth import Segment
-from eskin.learn.label_check import check_labels
 from eskin.live import GraphConfig
-from eskin.recording import Recording, find_recordings, read_recording
+from eskin.recording import (
+    Recording,
+    check_labels,
+    find_recordings,
+    read_recording,
+)
 from eskin.units import format_count
 from lab.baselines.interface import READINGS, STEP_NS
 from lab.comparison.examples import Examples
@@ -207,7 +211,7 @@ def find_segments(
         paths, pack, workers, hold_out, shear, tuple((names or {}).items())
     )
     check_one_skin(paths)
-    check_labels(map(read_recording, paths))
+    check_labels([read_recording(path).label_set for path in paths])
     groups = set(examples.name_groups().values())
     if len(groups) < 2:
         raise RecordingError(

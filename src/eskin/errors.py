@@ -21,13 +21,18 @@ EskinError
 
 Every message says in one line what is wrong, what was got, what is allowed, and a
 remedy unless that is plain. The command line prints that line and exits with code 2.
+What is only doubted is told by a warning instead.
 """
 
+import logging
 import platform
+from functools import lru_cache
 from importlib.util import find_spec
 
 import numpy as np
 from jaxtyping import Float
+
+logger = logging.getLogger(__name__)
 
 
 class EskinError(Exception):
@@ -133,3 +138,9 @@ class JogError(ArmError):
 
 class StreamError(EskinError, RuntimeError):
     """A stream had to stop, or cannot start."""
+
+
+@lru_cache(maxsize=256)
+def warn_once(text: str) -> None:
+    """Log a warning, unless it was logged before: a file may be read more than once."""
+    logger.warning("%s", text)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from eskin.errors import warn_once
 from eskin.robot import Box, Joint, Link, Robot, build_shape_mesh, load_urdf
-from eskin.robot.urdf import warn_once
 
 TOY = """<?xml version="1.0"?>
 <robot name="toy">

@@ -7,12 +7,14 @@ gestures".
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import RecordingError
+from eskin.recording.label_check import check_labels
 from eskin.recording.reader import Recording
 from eskin.recording.records import NONE, Label, build_rough_ranges, sort_labels
 from eskin.skin import MountedSkin
@@ -266,6 +268,7 @@ def label_recording(
     recording: Recording,
     ranges: Sequence[Label] | None = None,
     config: AutoLabelConfig | None = None,
+    place: Path | None = None,
 ) -> AutoLabelResult:
     """Label a recording automatically; nothing is written.
 
@@ -274,9 +277,11 @@ def label_recording(
         ranges: rough ranges of the gestures; None takes the recording's own labels of
             source `range`, or else its true labels, widened and joined.
         config: parameters that decide what is a touch.
+        place: file of the ranges, which messages name; None for the recording.
 
     Raises:
-        RecordingError: there are neither ranges nor true gestures.
+        RecordingError: there are neither ranges nor true gestures, or ranges that
+            cannot be right.
     """
     if ranges is None:
         ranges = sort_labels(recording.labels, "range")
@@ -286,8 +291,11 @@ def label_recording(
             f"{recording.path} holds neither ranges nor true gestures; "
             "say where the gestures are with --ranges FILE"
         )
+    own = recording.label_set
+    check_labels([replace(own, labels=tuple(ranges), path=place or own.path)])
     stamps, peaks = compute_peak_pressures(recording)
     found = label_automatically(stamps, peaks, ranges, config)
+    check_labels([replace(own, labels=found)])
     return AutoLabelResult(stamps, tuple(ranges), found)
 
 

@@ -18,13 +18,14 @@ from eskin.recording import (
     DetectionRecord,
     Label,
     Recording,
+    check_labels,
     check_new_name,
-    check_no_overlap,
     read_recording,
     rewrite_recording,
     select_labels,
     sort_labels,
 )
+from eskin.recording.records import describe_label
 from eskin.skin import MountedSkin
 from eskin.touch import PipelineConfig
 from eskin.units import NS_PER_S
@@ -84,8 +85,15 @@ class LabelEditor:
                 spells it otherwise.
         """
         label = Label(self.stamp(start), self.stamp(end), gesture)
-        inside = self.find_overlapping(start, end)
-        replaced = inside if len(inside) == 1 else []
+        replaced = self.find_overlapping(start, end)
+        if len(replaced) > 1:
+            first, second = replaced[:2]
+            raise RecordingError(
+                f"a label from {start:.2f} to {end:.2f} s overlaps "
+                f"{describe_label(first, self.recording.start)} and "
+                f"{describe_label(second, self.recording.start)}; allowed is one "
+                "label, which it changes"
+            )
         kept = [other for other in self.labels if other not in replaced]
         check_new_name(gesture, [*(other.gesture for other in kept), *self.vocabulary])
         self.replace_all((*kept, label))
@@ -111,11 +119,9 @@ class LabelEditor:
         self.replace_all(tuple(other for other in self.labels if other not in labels))
 
     def replace_all(self, labels: tuple[Label, ...]) -> None:
-        """Replace all labels, unless some of the new ones overlap."""
-        found = sort_labels(replace(label, source="true") for label in labels)
-        check_no_overlap(found, self.recording.start)
+        """Replace all labels."""
         self.previous.append(self.labels)
-        self.labels = found
+        self.labels = sort_labels(replace(label, source="true") for label in labels)
         self.changed = True
 
     def save(self) -> Path:
@@ -125,9 +131,11 @@ class LabelEditor:
         replaces the recording once it is complete.
 
         Raises:
-            RecordingError: the recording is truncated, so a copy would lose data.
+            RecordingError: the recording is truncated, so a copy would lose data, or
+                the labels cannot be right.
         """
         path = self.recording.path
+        check_labels([replace(self.recording.label_set, labels=self.labels)])
         kept = path.with_name(f"{path.stem}.original{path.suffix}")
         others = [label for label in self.recording.labels if label.source != "true"]
         if not self.recording.truncated:

@@ -26,8 +26,8 @@ from eskin.learn.ground_truth import (
     build_true_segments,
     match_labels,
     read_clips,
+    warn_of_missed,
 )
-from eskin.learn.label_check import check_labels, check_touches, warn_of_labels
 from eskin.learn.prepared_recording import (
     PreparedRecording,
     load_prepared,
@@ -49,6 +49,7 @@ from eskin.recording import (
     NONE,
     Overrides,
     Recording,
+    check_labels,
     read_recording,
 )
 from eskin.touch import PipelineConfig
@@ -115,15 +116,6 @@ class Dataset:
         """Tell whether the skin of every recording measures shear."""
         return all(recording.skin.has_shear for recording in self.recordings)
 
-    def check_labelled(self) -> None:
-        """Raise a `RecordingError` if no recording says which gestures were made."""
-        if not (self.labelled or self.missed or any(self.clips)):
-            first = self.recordings[0].path if self.recordings else "REC"
-            raise RecordingError(
-                f"the recordings, such as {first}, have no labels; allowed are "
-                f"recordings with labels; make some with: eskin label {first}"
-            )
-
     def report_truncated(self, tell: Callable[[str], object]) -> None:
         """Tell the paths of the recordings whose end is missing."""
         for recording in self.recordings[: self.original_count]:
@@ -175,12 +167,12 @@ def prepare(
 
     Raises:
         RecordingError: if there is nothing to learn from, or labels cannot be right, as
-            `eskin.learn.label_check` says.
+            `check_labels` says.
     """
     if not paths:
         raise RecordingError("no recording given; give .mcap files or folders of them")
     recordings = tuple(read_recording(path, overrides) for path in paths)
-    check_labels(recordings)
+    check_labels([recording.label_set for recording in recordings], needed=True)
     pipeline = pipeline or PipelineConfig()
     graph = graph or GraphConfig()
     if not all(recording.skin.has_shear for recording in recordings):
@@ -267,8 +259,8 @@ def concatenate_recordings(
         gestures += names
         sequences.append(part.sequence + sequence_count)
         sequence_count += int(part.sequence.max(initial=-1)) + 1
-    check_touches(matches)
-    warn_of_labels(matches)
+    check_labels([match.label_set for match in matches])
+    warn_of_missed(matches)
     return Dataset(
         recordings=recordings,
         graphs=graphs,

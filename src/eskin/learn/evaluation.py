@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import log_softmax
 
-from eskin.errors import SkinMismatchError
+from eskin.errors import RecordingError, SkinMismatchError
 from eskin.learn.batches import cut_windows
 from eskin.learn.dataset import Dataset
 from eskin.learn.ground_truth import Clip, Segment, find_runs
@@ -32,6 +32,7 @@ from eskin.live import ModelCard
 from eskin.live.summary_kernels import N_PER_KPA_CM2
 from eskin.progress import track_progress
 from eskin.recording import NONE
+from eskin.units import format_count
 
 WINDOW_BATCH = 256
 """Number of windows classified at once."""
@@ -285,7 +286,7 @@ def score_dataset(
     """Score a network on prepared recordings.
 
     Raises:
-        RecordingError: if the recordings have no labels.
+        RecordingError: if no label is of a gesture or holds a touch.
         SkinMismatchError: if the recordings lack what the model needs, or hold
             gestures that it does not know.
     """
@@ -370,7 +371,11 @@ def classify_labelled(
 
 def check_fits(card: ModelCard, dataset: Dataset) -> None:
     """Reject recordings that the model cannot be scored on."""
-    dataset.check_labelled()
+    if not (dataset.labelled or dataset.missed or any(dataset.clips)):
+        raise RecordingError(
+            f"no label of {format_count(dataset.original_count, 'recording')} is of a "
+            "gesture or holds a touch; allowed is one and more; label their gestures"
+        )
     if card.kind == "shear" and not dataset.has_shear:
         raise SkinMismatchError(
             "the model needs shear, which these recordings do not have; allowed are "

@@ -1,6 +1,7 @@
 """This module reads the ground truth of a recording: clips, true touches, labels."""
 
 import json
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -12,8 +13,10 @@ from jaxtyping import Float, Int
 
 from eskin.errors import RecordingError
 from eskin.files import read_file
-from eskin.recording import NONE, Label, Recording, select_labels
-from eskin.units import NS_PER_S
+from eskin.recording import NONE, Label, LabelSet, Recording
+from eskin.units import NS_PER_S, format_count
+
+logger = logging.getLogger(__name__)
 
 INDEX_NAME = "clips.jsonl"
 MAX_INDEX_BYTES = 256 << 20
@@ -172,11 +175,11 @@ class MissedGesture:
 
 
 def extend_labels(recording: Recording) -> list[Label]:
-    """Return the best labels of a recording, extended to when their touches close.
+    """Return the labels of a recording that count, until their touches close.
 
     On a calibrated skin a label is extended by 0.6 s, or up to the next one.
     """
-    labels = select_labels(recording.labels)
+    labels = recording.label_set.inside
     if not labels or not recording.skin.calibrated:
         return list(labels)
     nexts = [label.start for label in labels[1:]] + [LAST_STAMP]
@@ -261,6 +264,12 @@ class LabelMatch:
     """Stamps of first and last reading of each touch [ns since the epoch]."""
 
     @property
+    def label_set(self) -> LabelSet:
+        """Return the labels of the recording with the touches that they must hold."""
+        touches = self.touches if self.recording.skin.calibrated else None
+        return replace(self.recording.label_set, touches=touches)
+
+    @property
     def missed(self) -> tuple[Label, ...]:
         """Return the labels of gestures during which no touch was detected.
 
@@ -272,9 +281,7 @@ class LabelMatch:
         return tuple(
             label
             for index, label in enumerate(self.labels)
-            if index not in detected
-            and label.gesture != NONE
-            and label.is_within(self.recording.start, self.recording.end)
+            if index not in detected and label.gesture != NONE
         )
 
 
@@ -294,3 +301,17 @@ def match_labels(
     runs = np.array(find_runs(sequence[:, None]), np.int64).reshape(-1, 2)
     touches = np.stack([stamps[runs[:, 0]], stamps[runs[:, 1] - 1]], axis=1)
     return LabelMatch(recording, labels, find_label_indices(labels, stamps), touches)
+
+
+def warn_of_missed(matches: Sequence[LabelMatch]) -> None:
+    """Tell how many labelled gestures were not felt, and the first of them."""
+    missed = [(each.recording, label) for each in matches for label in each.missed]
+    if missed:
+        recording, first = missed[0]
+        logger.warning(
+            "%s; the first is '%s' at %.2f s of %s; what is not felt counts as missed",
+            f"{format_count(len(missed), 'label')} without a touch",
+            first.gesture,
+            (first.start - recording.start) / NS_PER_S,
+            recording.path,
+        )

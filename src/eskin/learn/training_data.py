@@ -52,7 +52,6 @@ def read_training_data(
             prepare_recordings(plan, paths, graph) if paths else None
             for paths in (plan.validation, plan.test)
         )
-    dataset.check_labelled()
     for each in (dataset, validation, test):
         if each is not None:
             each.report_truncated(tell)

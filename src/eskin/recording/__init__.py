@@ -1,5 +1,6 @@
 """This package reads and writes recordings, which are MCAP files."""
 
+from eskin.recording.label_check import LabelSet, check_labels
 from eskin.recording.reader import (
     NO_OVERRIDES,
     Overrides,
@@ -22,7 +23,6 @@ from eskin.recording.records import (
     build_rough_ranges,
     check_gesture_names,
     check_new_name,
-    check_no_overlap,
     label_instants,
     load_ranges,
     select_labels,
@@ -42,6 +42,7 @@ __all__ = [
     "DetectionRecord",
     "EventRecord",
     "Label",
+    "LabelSet",
     "Metadata",
     "PARTLY_LABELLED",
     "Overrides",
@@ -53,9 +54,9 @@ __all__ = [
     "build_labels",
     "build_rough_ranges",
     "check_gesture_names",
+    "check_labels",
     "check_new_name",
     "check_new_recording",
-    "check_no_overlap",
     "find_recordings",
     "label_instants",
     "load_ranges",

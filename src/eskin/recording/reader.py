@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import logging
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,9 +14,16 @@ from jaxtyping import Bool, Float, Int
 from mcap.records import Attachment
 from mcap.records import Metadata as MetadataItem
 
-from eskin.errors import DeviceError, RecordingError, SkinError, SkinMismatchError
+from eskin.errors import (
+    DeviceError,
+    RecordingError,
+    SkinError,
+    SkinMismatchError,
+    warn_once,
+)
 from eskin.files import read_file
 from eskin.recording.cdr import MAX_STRINGS
+from eskin.recording.label_check import MAX_LABELS, LabelSet
 from eskin.recording.mcap_file import McapReader, TopicMessage
 from eskin.recording.messages import (
     DETECTION,
@@ -54,11 +60,8 @@ from eskin.skin import Skin, skin_from_bytes
 from eskin.touch import MAX_CALIBRATION_BYTES, Calibration, Scan
 from eskin.units import NS_PER_S, format_count, format_duration
 
-logger = logging.getLogger(__name__)
-
-MAX_LABELS = 20_000
 MAX_DETECTIONS = MAX_EVENTS = 100_000
-"""Largest numbers of labels, detections and events that are read into memory."""
+"""Largest numbers of detections and events that are read into memory."""
 MAX_METADATA_BYTES = 1 << 20
 """Largest size of the metadata, whose names and values are kept [bytes]."""
 
@@ -165,6 +168,12 @@ class Recording:
     def seconds(self) -> float:
         """Return how long scans were recorded, without the gaps [s]."""
         return sum(end - start for start, end in self.runs) / NS_PER_S
+
+    @property
+    def label_set(self) -> LabelSet:
+        """Return its labels, with what they must agree with."""
+        simulated = self.metadata.simulated
+        return LabelSet(self.path, self.labels, self.start, self.end, simulated)
 
     def describe_gaps(self) -> str:
         """Return number and place of the gaps, for messages; empty without any."""
@@ -288,12 +297,6 @@ class Overrides:
 
 
 NO_OVERRIDES = Overrides()
-
-
-@lru_cache(maxsize=256)
-def warn_once(text: str) -> None:
-    """Print a warning, though a command reads a recording more than once."""
-    logger.warning(text)
 
 
 GROUPED = 2

@@ -319,28 +319,6 @@ def select_labels(labels: Iterable[Label]) -> tuple[Label, ...]:
     return next((found for found in by_source if found), ())
 
 
-def check_no_overlap(labels: Iterable[Label], start: int) -> None:
-    """Refuse labels of one source that overlap.
-
-    Args:
-        labels: labels in any order.
-        start: stamp from which messages count seconds, the recording's first [ns].
-
-    Raises:
-        RecordingError: naming the first two that overlap, with their times.
-    """
-    last: dict[str, Label] = {}
-    for label in sort_labels(labels):
-        previous = last.get(label.source)
-        if previous is not None and label.start < previous.end:
-            raise RecordingError(
-                f"labels {describe_label(previous, start)} and "
-                f"{describe_label(label, start)} overlap; labels of one source follow "
-                "each other; shorten or remove one"
-            )
-        last[label.source] = label
-
-
 def describe_label(label: Label, start: int) -> str:
     """Return gesture and times of a label, for messages.
 
@@ -424,15 +402,10 @@ def load_ranges(path: Path | str, start: int) -> tuple[Label, ...]:
         raise RecordingError(
             f"{path} holds no list; allowed are lines like - {EXAMPLE_RANGE}"
         )
-    ranges = sort_labels(
+    return sort_labels(
         parse_range(entry, f"{path}, range {number}", start)
         for number, entry in enumerate(entries, 1)
     )
-    try:
-        check_gesture_names(each.gesture for each in ranges)
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
-    return ranges
 
 
 def parse_range(entry: object, place: str, start: int) -> Label:

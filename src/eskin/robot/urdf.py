@@ -6,11 +6,10 @@ Shapes are read when they are needed: kinematics need none.
 """
 
 import codecs
-import logging
 from collections.abc import Sequence, Set
 from dataclasses import replace
 from difflib import get_close_matches
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import cast, final, get_args
 from xml.etree import ElementTree
@@ -20,7 +19,7 @@ from xml.parsers import expat
 import numpy as np
 from jaxtyping import Float
 
-from eskin.errors import RobotError
+from eskin.errors import RobotError, warn_once
 from eskin.files import parse_number, read_file
 from eskin.robot.meshes import MeshReader
 from eskin.robot.robot import Joint, JointKind, Link, Mimic, Robot
@@ -83,8 +82,6 @@ ENDLESS = 1e4
 """Limit from which a joint is taken as one without limits [rad] or [m]."""
 RADIANS = "divide by 57.29578: angles of a URDF are in radians"
 RUN_XACRO = "run xacro first, as in 'xacro FILE > out.urdf'"
-
-logger = logging.getLogger(__name__)
 
 
 def load_urdf(path: str | Path, *, meshes: bool = True, mimics: bool = True) -> Robot:
@@ -396,12 +393,6 @@ def read_joint(element: Element, mimics: bool, moved: Set[str | None]) -> Joint:
         velocity=velocity,
         mimic=read_mimic(element, kind, place) if mimics else None,
     )
-
-
-@lru_cache
-def warn_once(text: str) -> None:
-    """Log a warning, unless it was logged before."""
-    logger.warning("%s", text)
 
 
 def read_axis(element: Element, place: str) -> np.ndarray:

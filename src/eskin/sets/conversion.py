@@ -10,19 +10,14 @@ from dataclasses import dataclass
 from functools import cache
 from io import BytesIO
 from pathlib import Path
-from typing import Literal, final
+from typing import Literal
 
-from eskin.errors import ImportSourceError, RecordingError
+from eskin.errors import ImportSourceError
 from eskin.files import read_file, shorten
 from eskin.live.model_file import MODELS, load_model
 from eskin.progress import show_progress
-from eskin.recording.records import (
-    NONE,
-    Label,
-    Metadata,
-    check_gesture_names,
-    look_of,
-)
+from eskin.recording.label_check import LabelSet, check_labels
+from eskin.recording.records import NONE, Metadata, look_of
 from eskin.recording.writer import (
     RecordingWriter,
     check_new_recording,
@@ -55,8 +50,8 @@ class ImportedClip:
     """Origin of the recording."""
     scans: Iterable[Scan]
     """Scans in the order of time."""
-    labels: tuple[Label, ...]
-    """Labels in the order of time."""
+    label_set: LabelSet
+    """Labels in the order of time, with the file that they are from."""
     calibration: Calibration | None = None
     """Calibration of its own; None for the calibration of the set."""
 
@@ -75,47 +70,36 @@ class ConversionResult:
     """Number of labels in all files."""
 
 
-@final
-class GestureNames:
-    """Names the gestures of the files of a set, so that no two look alike.
+def name_gestures(
+    path: Path, texts: Iterable[str], names: Sequence[str] = ()
+) -> list[str]:
+    """Return the gesture of each of the labels of a file.
 
-    Attributes:
+    Args:
+        path: path of the file.
+        texts: its labels.
         names: gestures of the numbers from 1 on, where labels are numbers.
-        known: names so far, in the order in which they were found.
+
+    Raises:
+        ImportSourceError: a label is no number of a gesture.
     """
+    texts = [str(text) for text in texts]
+    found = {text: name_gesture(path, text, names) for text in dict.fromkeys(texts)}
+    return [found[text] for text in texts]
 
-    def __init__(self, names: Sequence[str] = ()) -> None:
-        """Start without files."""
-        self.names = tuple(names)
-        self.known: dict[str, None] = {}
 
-    def read(self, path: Path, texts: Iterable[str]) -> list[str]:
-        """Return the gesture of each of the labels of a file.
-
-        Raises:
-            ImportSourceError: a label is no name of a gesture, or looks like another.
-        """
-        texts = [str(text) for text in texts]
-        found = {text: self.name(path, text) for text in dict.fromkeys(texts)}
-        self.known |= dict.fromkeys(found.values())
-        try:
-            check_gesture_names(self.known)
-        except RecordingError as error:
-            raise ImportSourceError(f"{path}: {error}") from None
-        return [found[text] for text in texts]
-
-    def name(self, path: Path, text: str) -> str:
-        """Return the gesture of a label: by its number where there are names."""
-        text = text.strip()
-        if self.names:
-            number = int(text) if re.fullmatch(r"[0-9]{1,3}", text) else 0
-            if not 1 <= number <= len(self.names):
-                raise ImportSourceError(
-                    f"{path}: a gesture is {shorten(text)}; allowed are 1 to "
-                    f"{len(self.names)}; convert it as a table"
-                )
-            return self.names[number - 1]
-        return list_spellings().get(look_of(text), text)
+def name_gesture(path: Path, text: str, names: Sequence[str]) -> str:
+    """Return the gesture of a label: by its number where there are names."""
+    text = text.strip()
+    if names:
+        number = int(text) if re.fullmatch(r"[0-9]{1,3}", text) else 0
+        if not 1 <= number <= len(names):
+            raise ImportSourceError(
+                f"{path}: a gesture is {shorten(text)}; allowed are 1 to {len(names)}; "
+                "convert it as a table"
+            )
+        return names[number - 1]
+    return list_spellings().get(look_of(text), text)
 
 
 @cache
@@ -156,7 +140,8 @@ def write_clips(
 
     Raises:
         ImportSourceError: two clips have one name, or the folder cannot be made.
-        RecordingError: the folder has a recording of that name already.
+        RecordingError: the folder has a recording of that name already, or labels
+            cannot be right.
     """
     folder = Path(folder)
     name = TABLE if robot is None else robot.name
@@ -164,6 +149,7 @@ def write_clips(
     urdf = b"" if robot is None else robot.urdf
     recordings = readings = labels = 0
     existed = folder.exists()
+    checked: list[LabelSet] = []
     work = make_work_folder(folder)
     try:
         with show_progress("readings converted", None) as update:
@@ -176,15 +162,19 @@ def write_clips(
                         "and session"
                     )
                 check_new_recording(folder / path.name)
+                check_labels([clip.label_set])
+                checked.append(clip.label_set)
                 own = clip.calibration or calibration
                 writer = RecordingWriter(
                     path, name, skin, own, clip.metadata, joints, urdf
                 )
                 with writer:
                     scans = count_scans(clip.scans, readings, update)
-                    readings += write_all(writer, scans, clip.labels)
+                    readings += write_all(writer, scans, clip.label_set.labels)
                 recordings += 1
-                labels += len(clip.labels)
+                labels += len(clip.label_set.labels)
+        # Names of all clips together, which are not known before.
+        check_labels(checked)
         for path in sorted(work.iterdir()):
             path.replace(folder / path.name)
     finally:

@@ -17,6 +17,7 @@ from jaxtyping import Int
 
 from eskin.errors import ImportSourceError
 from eskin.files import open_file
+from eskin.recording.label_check import LabelSet
 from eskin.recording.records import NONE, Label, Metadata
 from eskin.sets.conversion import (
     FULL_SCALE_KPA,
@@ -98,7 +99,8 @@ def read_shearsense_file(path: Path) -> ImportedClip:
     session = parse_support(rest)
     metadata = Metadata("shearsense", subject, session, "shearsense", notes)
     name = re.sub(r"[^A-Za-z0-9]+", "_", f"{gesture}_{rest}").strip("_")
-    return ImportedClip(name, metadata, scans, (label,))
+    label_set = LabelSet(path, (label,), scans[0].stamp, scans[-1].stamp)
+    return ImportedClip(name, metadata, scans, label_set)
 
 
 def load_counts(path: Path) -> list[Int[np.ndarray, "reading taxel"]]:

@@ -21,21 +21,20 @@ import numpy as np
 from jaxtyping import Bool, Int, Num
 
 from eskin.errors import ImportSourceError, RecordingError
-from eskin.recording.reader import MAX_LABELS
+from eskin.recording.label_check import LabelSet
 from eskin.recording.records import (
     Label,
     Metadata,
     build_labels,
-    check_no_overlap,
     sort_labels,
 )
 from eskin.sets.conversion import (
     FULL_SCALE_KPA,
     ConversionResult,
-    GestureNames,
     ImportedClip,
     find_files,
     name_file,
+    name_gestures,
     write_clips,
 )
 from eskin.sets.reading_files import ReadingFile, open_readings, to_texts
@@ -100,17 +99,14 @@ def convert_readings(
             f"no file in {source} ends with {', '.join(SUFFIXES)}; give the set"
         )
     poses = PoseReader(layout.mounted)
-    gestures = GestureNames()
-    clips = (
-        clip for path in files for clip in read_sessions(path, layout, poses, gestures)
-    )
+    clips = (clip for path in files for clip in read_sessions(path, layout, poses))
     robot = layout.mounted.robot
     result = write_clips(clips, folder, layout.mounted.skin, layout.calibration, robot)
     return result, poses.fit
 
 
 def read_sessions(
-    path: Path, layout: ReadingLayout, poses: PoseReader, gestures: GestureNames
+    path: Path, layout: ReadingLayout, poses: PoseReader
 ) -> Iterator[ImportedClip]:
     """Read a file as a clip for each run of readings of one person and session."""
     with open_readings(path) as file:
@@ -130,7 +126,7 @@ def read_sessions(
         starts = [0, *(np.flatnonzero(is_new) + 1).tolist()]
         runs = [slice(*pair) for pair in zip(starts, [*starts[1:], count], strict=True)]
         check_order(path, stamps, runs)
-        labels = read_labels(file, layout, stamps, runs, gestures)
+        labels = read_labels(file, layout, stamps, runs)
         calibration = layout.calibration
         if "pressure" in widths:
             calibration = measure_calibration(file, widths, layout.mounted.skin.count)
@@ -139,11 +135,12 @@ def read_sessions(
             person = str(people[run.start]).strip()
             session = str(sessions[run.start]).strip()
             several = (person, session) if len(runs) > 1 else ()
+            first, last = stamps[run][[0, -1]].tolist()
             yield ImportedClip(
                 name_file((path.stem, *several)),
                 Metadata("table", person, session, "table", {"source_file": path.name}),
                 islice(scans, run.stop - run.start),
-                own,
+                LabelSet(path, own, first, last),
                 calibration,
             )
 
@@ -273,7 +270,6 @@ def read_labels(
     layout: ReadingLayout,
     stamps: Int[np.ndarray, "reading"],
     runs: list[slice],
-    gestures: GestureNames,
 ) -> list[tuple[Label, ...]]:
     """Return the labels of each run of readings."""
     path = file.path
@@ -281,11 +277,11 @@ def read_labels(
     try:
         if path.suffix == ".parquet" and beside.exists():
             with open_readings(beside) as table:
-                found = [read_repetitions(table, layout.label, file, stamps, gestures)]
+                found = [read_repetitions(table, layout.label, file)]
         elif {"start", "end"} <= set(file.names):
-            found = [read_repetitions(file, layout.label, file, stamps, gestures)]
+            found = [read_repetitions(file, layout.label, file)]
         else:
-            found = label_readings(file, layout.label, stamps, runs, gestures)
+            found = label_readings(file, layout.label, stamps, runs)
     except RecordingError as error:
         raise ImportSourceError(f"{path}: {error}") from error
     if len(found) != len(runs):
@@ -294,42 +290,24 @@ def read_labels(
             "people and sessions; allowed is one; give a gesture a reading, or a file "
             "for each"
         )
-    most = max(map(len, found))
-    if most > MAX_LABELS:
-        raise ImportSourceError(
-            f"{path}: {most:,} labels of a session; allowed are {MAX_LABELS:,}; divide "
-            "it into sessions"
-        )
     return found
 
 
 def read_repetitions(
-    table: ReadingFile,
-    label: str,
-    file: ReadingFile,
-    stamps: Int[np.ndarray, "reading"],
-    gestures: GestureNames,
+    table: ReadingFile, label: str, file: ReadingFile
 ) -> tuple[Label, ...]:
     """Return the labels of a table of gestures with their starts and ends."""
     if label not in table.names:
         raise_missing(table, label, "--label")
     texts = to_texts(table.path, label, table.read_column(label)).reshape(-1)
-    names = gestures.read(table.path, texts)
+    names = name_gestures(table.path, texts)
     origin = 0 if "stamp" in file.names else START_NS
     starts = origin + read_times(table, "start", len(names))
     ends = origin + read_times(table, "end", len(names))
-    for number in np.flatnonzero((starts > stamps[-1]) | (ends <= stamps[0]))[:1]:
-        raise ImportSourceError(
-            f"{table.path}: label {number} starts at {starts[number]} ns; allowed are "
-            f"labels within the readings, from {stamps[0]} to {stamps[-1]} ns; correct "
-            "its time or unit"
-        )
-    labels = tuple(
+    return sort_labels(
         Label(start, end, name)
         for start, end, name in zip(starts.tolist(), ends.tolist(), names, strict=True)
     )
-    check_no_overlap(labels, int(stamps[0]))
-    return sort_labels(labels)
 
 
 def label_readings(
@@ -337,14 +315,13 @@ def label_readings(
     label: str,
     stamps: Int[np.ndarray, "reading"],
     runs: list[slice],
-    gestures: GestureNames,
 ) -> list[tuple[Label, ...]]:
     """Return the labels of runs of readings that have a gesture each."""
     if label not in file.names:
         raise_missing(file, label, "--label")
     texts = to_texts(file.path, label, file.read_column(label))
     check_length(file, label, texts, len(stamps))
-    names = gestures.read(file.path, texts)
+    names = name_gestures(file.path, texts)
     found = []
     for run in runs:
         own = stamps[run]

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Int
 
 from eskin.errors import ImportSourceError
+from eskin.recording.label_check import LabelSet
 from eskin.recording.records import NONE, Metadata, build_labels
 from eskin.sets.conversion import (
     FULL_SCALE_KPA,
@@ -112,7 +113,8 @@ def read_sleeve_file(path: Path, time: datetime, session: str) -> ImportedClip:
     name = path.name.removesuffix(".gz").removesuffix(".json")
     notes = {"source_file": path.name, "rate": "10 Hz, nominal"}
     metadata = Metadata("sleeve", "", session, "sleeve", notes)
-    return ImportedClip(name, metadata, scans, labels)
+    label_set = LabelSet(path, labels, scans[0].stamp, scans[-1].stamp)
+    return ImportedClip(name, metadata, scans, label_set)
 
 
 def load_json(path: Path) -> object:

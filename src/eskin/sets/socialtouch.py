@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import ImportSourceError
+from eskin.recording.label_check import LabelSet
 from eskin.recording.records import NONE, Label, Metadata
 from eskin.sets.conversion import (
     FULL_SCALE_KPA,
@@ -134,7 +135,8 @@ def read_socialtouch_file(path: Path) -> ImportedClip:
     notes = {"source_file": path.name, "repetitions": str(len(repetitions))}
     metadata = Metadata("socialtouch", subject, session, "socialtouch", notes)
     name = f"{first.gesture}_{subject}_{start:%Y%m%d_%H%M%S}"
-    return ImportedClip(name, metadata, tuple(scans), tuple(labels))
+    label_set = LabelSet(path, tuple(labels), scans[0].stamp, scans[-1].stamp)
+    return ImportedClip(name, metadata, tuple(scans), label_set)
 
 
 def parse_start(path: Path) -> datetime:

@@ -19,14 +19,15 @@ from jaxtyping import Float, Int
 
 from eskin.errors import ImportSourceError
 from eskin.files import open_file, parse_number, shorten
+from eskin.recording.label_check import LabelSet
 from eskin.recording.records import Label, Metadata
 from eskin.sets.conversion import (
     FULL_SCALE_KPA,
     ConversionResult,
-    GestureNames,
     ImportedClip,
     find_files,
     name_file,
+    name_gestures,
     write_clips,
 )
 from eskin.sets.reading_files import to_texts
@@ -179,11 +180,10 @@ def convert_table(
         calibrated=pitch is not None,
     )
     nominal = Calibration.uniform(skin.count, MOST, full_scale_kpa)
-    gestures = GestureNames(layout.names)
     clips = (
         clip
         for path in files
-        for clip in read_people(path, layout, name, full_scale_kpa, gestures)
+        for clip in read_people(path, layout, name, full_scale_kpa)
     )
     return write_clips(clips, folder, skin, nominal)
 
@@ -193,12 +193,11 @@ def read_people(
     layout: TableLayout,
     name: str,
     full_scale_kpa: float,
-    gestures: GestureNames,
 ) -> Iterator[ImportedClip]:
     """Read a file as a clip for each person, with one label a repetition."""
     table = load_table(path, layout)
     counts, full_scale = find_counts(table, layout.full_scale)
-    made = gestures.read(path, table.keys["label"])
+    made = name_gestures(path, table.keys["label"], layout.names)
     people = table.keys["person"]
     period = round(1e9 / layout.rate)
     for person in np.unique(people):
@@ -224,7 +223,7 @@ def read_people(
             name_file((path.stem, subject)),
             Metadata(name, subject, subject, name, notes),
             tuple(scans),
-            tuple(labels),
+            LabelSet(path, tuple(labels), scans[0].stamp, scans[-1].stamp),
             calibration,
         )
 

@@ -91,7 +91,7 @@ def find_labels(command: LabelCommand, recording: "Recording") -> "AutoLabelResu
     ranges = None
     if command.ranges is not None:
         ranges = load_ranges(command.ranges, recording.start)
-    return label_recording(recording, ranges, config)
+    return label_recording(recording, ranges, config, command.ranges)
 
 
 def check_targets(

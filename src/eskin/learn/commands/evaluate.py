@@ -288,10 +288,10 @@ def split_by_scoring(
         recording = read_recording(path)
         simulated = recording.metadata.simulated
         stream = is_stream(recording)
-        known = simulated or bool(recording.labels)
         if not simulated or not stream:
             clips.append(path)
-        if events == "all" or (events == "streams" and stream and known):
+        known = stream and recording.label_set.known
+        if events == "all" or (events == "streams" and known):
             streams.append(path)
     if not clips and not streams:
         raise RecordingError(

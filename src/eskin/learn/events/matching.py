@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from eskin.live import UNKNOWN, Detection
-from eskin.recording import NONE, Label, Recording, TruthRecord, select_labels
+from eskin.recording import NONE, Label, Recording, TruthRecord
 from eskin.units import NS_PER_S
 
 GESTURE_ALIASES = {"tap_many": "double_pat"}
@@ -56,9 +56,9 @@ def read_true_events(recording: Recording) -> tuple[TrueEvent, ...]:
     """Return the true events of a recording, sorted by onset.
 
     They come from `/eskin/truth`, which also has those that overlap; where there is
-    none, from the best labels.
+    none, from the labels that count.
     """
-    labels = select_labels(recording.labels)
+    labels = recording.label_set.inside
     events = build_events(recording.truths()) or list(map(build_label_event, labels))
     return tuple(sorted(events, key=lambda event: (event.onset, event.end)))
 

@@ -12,10 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from joblib import Parallel, delayed, parallel_config
 
-from eskin.errors import RecordingError
 from eskin.learn.events.matching import ScoredStream, TrueEvent, read_true_events
 from eskin.learn.ground_truth import match_labels
-from eskin.learn.label_check import check_labels, check_touches
 from eskin.live import (
     DecisionConfig,
     DecisionFilter,
@@ -25,7 +23,13 @@ from eskin.live import (
     build_detection,
     compute_probabilities,
 )
-from eskin.recording import NO_OVERRIDES, Overrides, Recording, read_recording
+from eskin.recording import (
+    NO_OVERRIDES,
+    Overrides,
+    Recording,
+    check_labels,
+    read_recording,
+)
 from eskin.skin import MountedSkin
 from eskin.touch import Touch
 from eskin.units import NS_PER_S
@@ -192,7 +196,7 @@ def trace_recordings(
 
     Raises:
         RecordingError: if one of them has neither labels nor ground truth, or labels
-            that cannot be right, as `eskin.learn.label_check` says.
+            that cannot be right, as `check_labels` says.
     """
     count = max(1, min(workers, len(paths)))
     jobs = (delayed(trace_file)(path, model, overrides) for path in paths)
@@ -206,18 +210,12 @@ def trace_file(
 ) -> TracedStream:
     """Trace one recording."""
     recording = read_recording(path, overrides)
-    simulated = recording.metadata.simulated
-    check_labels([recording])
-    if not recording.labels and not simulated:
-        raise RecordingError(
-            f"{path} has no labels; scoring needs them; make some with: "
-            f"eskin label {path}"
-        )
+    check_labels([recording.label_set], needed=True)
     trace = trace_recording(recording, model)
-    if not simulated:
+    if not recording.metadata.simulated:
         pairs = [(each.id, step.stamp) for step in trace.steps for each in step.touches]
         touch, stamps = np.array(sorted(pairs), np.int64).reshape(-1, 2).T
-        check_touches([match_labels(recording, stamps, touch)])
+        check_labels([match_labels(recording, stamps, touch).label_set])
     return TracedStream(
         path=path,
         subject=recording.metadata.subject or recording.metadata.session,

@@ -1,14 +1,25 @@
-"""Tests of the check of labels before recordings are learned from or scored."""
+"""Tests of the check of labels before they are learned, scored or written."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
 from eskin.errors import RecordingError
+from eskin.labelling import label_recording
+from eskin.labelling.editing import LabelEditor
 from eskin.learn.dataset import prepare
 from eskin.learn.events import trace_recordings
+from eskin.learn.events.matching import read_true_events
 from eskin.live import load_model
-from eskin.recording import read_recording, rewrite_recording
+from eskin.recording import (
+    LabelSet,
+    check_labels,
+    read_recording,
+    rewrite_recording,
+)
+from eskin.sets.conversion import ImportedClip, write_clips
+from helpers.cli import assert_refused
 from helpers.learning import label, onset, record
 
 PLAN = ("hold", "tap") * 3
@@ -124,19 +135,108 @@ def test_few_labels_outside_are_left_out_which_is_told(make, caplog):
     assert "left out" in caplog.text
 
 
-def test_labels_that_overlap_are_refused_by_their_times(make):
-    both = r"a\.mcap: labels 'hold' from 2\.40 .* 'tap' from 2\.50 to 3\.00 s overlap"
-    with pytest.raises(RecordingError, match=both):
-        prepare([make([*mark(), label(2.5, 3.0, "tap")])])
+def test_labels_that_count_are_the_true_events(make):
+    recording = read_recording(make([*mark(), label(90, 91, "tap")]))
+    events = read_true_events(recording)
+    assert [event.gesture for event in events] == list(PLAN)
 
 
-@pytest.mark.parametrize("name", ["unknown", "tap ", "a\nb", "x" * 300, "Hold"])
-def test_name_that_no_model_can_have_is_refused_with_recording_and_time(make, name):
-    labels = [*mark(plan=PLAN[:-1]), label(onset(5), onset(5) + LASTS, name)]
+def learn(path):
+    prepare([path])
+
+
+def score(path):
+    list(trace_recordings([path], MODEL))
+
+
+def label_by_ranges(path):
+    recording = read_recording(path)
+    label_recording(recording, [replace(x, source="range") for x in recording.labels])
+
+
+def label_by_hand(path):
+    LabelEditor(read_recording(path)).save()
+
+
+def convert(path):
+    """Convert a recording as if it were a file of a public set."""
+    recording = read_recording(path)
+    scans = recording.scans()
+    clip = ImportedClip("c", recording.metadata, scans, recording.label_set)
+    write_clips([clip], path.parent / "out", recording.skin, recording.calibration)
+
+
+ENTRANCES = (learn, score, label_by_ranges, label_by_hand, convert)
+"""What learns, scores or writes labels."""
+LATE = label(onset(5), onset(5) + LASTS, "tap")
+OVERLAP = r"a\.mcap: labels 'hold' from 2\.40 .* 'tap' from 2\.50 to 3\.00 s overlap"
+WRONG = {
+    name: ([*mark(plan=PLAN[:-1]), replace(LATE, gesture=name)], part)
+    for part in [r"a\.mcap, label at 12\.40 s: gesture"]
+    for name in ("unknown", "tap ", "a\nb", "x" * 300, "Hold")
+} | {
+    "overlap": ([*mark(), label(2.5, 3.0, "tap")], OVERLAP),
+    "before": (mark(-60), r"a\.mcap: 6 of 6 labels lie outside .* before its start"),
+    "after": (mark(5000), r"a\.mcap: 6 of 6 labels lie outside .* after its end"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+@pytest.mark.parametrize("enter", ENTRANCES)
+def test_wrong_labels_are_refused_alike_wherever_they_come_in(make, enter, kind):
+    labels, part = WRONG[kind]
     path = make(labels)
-    for look in (prepare, lambda paths: list(trace_recordings(paths, MODEL))):
-        with pytest.raises(RecordingError, match=r"a\.mcap, label at 12\.40 s: gest"):
-            look([path])
+    before = path.read_bytes()
+    with pytest.raises(RecordingError, match=part):
+        enter(path)
+    assert path.read_bytes() == before
+    assert [*path.parent.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("enter", ENTRANCES)
+def test_right_labels_pass_wherever_they_come_in(make, enter):
+    enter(make(mark()))
+
+
+def test_more_labels_than_a_recording_may_have_are_refused(tmp_path):
+    labels = tuple(label(n, n + 1, "tap") for n in range(20_001))
+    some = LabelSet(tmp_path, labels, labels[0].start, labels[-1].end)
+    with pytest.raises(RecordingError, match="20,001 labels; allowed are 20,000"):
+        check_labels([some])
+    check_labels([replace(some, labels=labels[1:])])
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_labels_are_needed_of_one_recording_at_least(make, count):
+    silent = [read_recording(make([], f"{n}.mcap")).label_set for n in range(count)]
+    named = make(mark(), "named.mcap")
+    check_labels(silent)
+    with pytest.raises(RecordingError, match=r"0\.mcap.* labels; .*eskin label"):
+        check_labels(silent, needed=True)
+    check_labels([*silent, read_recording(named).label_set], needed=True)
+
+
+def test_wrong_ranges_are_refused_by_the_name_of_their_file(make, tmp_path, capsys):
+    ranges = tmp_path / "ranges.yaml"
+    ranges.write_text(
+        "- {start_s: 1, end_s: 2, gesture: Tap}\n"
+        "- {start_s: 3, end_s: 4, gesture: tap}\n"
+    )
+    part = "ranges.yaml, label at 3.00 s: gestures 'Tap' and 'tap' differ only in case"
+    words = ("label", make(mark()), "--ranges", ranges)
+    assert_refused(capsys, *words, part=part)
+
+
+def test_wrong_labels_are_mended_by_hand_one_after_the_other(make):
+    wrong = [*mark(plan=PLAN[:-2]), label(10.4, 10.6, "tap "), label(10.5, 10.7, "x")]
+    editor = LabelEditor(read_recording(make(wrong)))
+    with pytest.raises(RecordingError):
+        editor.save()
+    editor.remove(editor.labels[-1])
+    with pytest.raises(RecordingError, match="'tap ' begins or ends"):
+        editor.save()
+    editor.set_range("tap", 10.4, 10.6)
+    editor.save()
 
 
 def test_two_recordings_spell_a_gesture_alike(make):
