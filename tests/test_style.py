@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from helpers.source import MODULES, name_module, parse_module
+
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
@@ -113,3 +115,22 @@ def test_no_error_ends_in_a_remedy_that_says_nothing():
         if not path.startswith("tests") and PLAIN.fullmatch(text.rpartition("; ")[2])
     ]
     assert not wrong
+
+
+def test_push_takes_the_next_scan_and_nothing_is_named_add():
+    """Any other name tells what is taken, so that a call leads to one method."""
+    functions = [
+        (name_module(path), node)
+        for path in MODULES
+        for node in parse_module(path)
+        if isinstance(node, ast.FunctionDef)
+    ]
+    assert not [
+        (module, node.lineno) for module, node in functions if node.name == "add"
+    ]
+    taken = [
+        (module, ast.unparse(node.args.args[1].annotation))
+        for module, node in functions
+        if node.name == "push"
+    ]
+    assert taken and {kind for _, kind in taken} <= {"Scan", "Scan | Reading"}, taken
