@@ -217,6 +217,14 @@ def test_no_module_runs_code_that_it_reads():
                 assert "allow_pickle=True" not in text, path
 
 
+@pytest.mark.parametrize("name", ["skin.yaml", "robot.urdf", "calibration.json"])
+def test_file_that_skins_and_recordings_hold_is_named_once(name):
+    """Others import the name, so that no two places look for another file."""
+    nodes = [node for path in MODULES for node in parse_module(path)]
+    texts = [node.value for node in nodes if isinstance(node, ast.Constant)]
+    assert texts.count(name) == 1
+
+
 def find_classes(paths):
     """Return the names of all classes in some modules."""
     nodes = (node for path in paths for node in parse_module(path))

@@ -31,6 +31,7 @@ from eskin.drivers import (
 from eskin.drivers.joints import JointFunction
 from eskin.errors import ArmError, DeviceError
 from eskin.recording import Overrides, read_calibration
+from eskin.recording.records import CALIBRATION_NAME
 from eskin.registry import (
     ARMS,
     DRIVERS,
@@ -42,9 +43,6 @@ from eskin.registry import (
 from eskin.robot import Robot, load_robot
 from eskin.skin import MountedSkin, Skin, mount_skin
 from eskin.touch import Calibration
-
-CALIBRATION = "calibration.json"
-"""Name of the calibration file beside the `skin.yaml` of a skin."""
 
 NOMINAL_CALIBRATION = "nominal_calibration.json"
 """Name of the calibration file of the preset skins, with the gain of every taxel."""
@@ -461,7 +459,7 @@ def load_calibration(config: SourceConfig, skin: Skin) -> Calibration:
     path = config.calibration
     if path is None and not isinstance(config.skin, Skin):
         folder = Path(config.skin or "")
-        found = (folder if folder.is_dir() else folder.parent) / CALIBRATION
+        found = (folder if folder.is_dir() else folder.parent) / CALIBRATION_NAME
         path = found if folder.exists() and found.is_file() else None
     if path is None:
         return nominal_calibration(skin)

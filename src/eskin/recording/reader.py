@@ -44,7 +44,6 @@ from eskin.recording.records import (
     FORMAT,
     RECORD_NAME,
     SKIN_NAME,
-    URDF_NAME,
     DetectionRecord,
     EventRecord,
     Gap,
@@ -57,6 +56,7 @@ from eskin.recording.records import (
 )
 from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import Skin, skin_from_bytes
+from eskin.skin.files import ROBOT_URDF
 from eskin.touch import MAX_CALIBRATION_BYTES, Calibration, Scan
 from eskin.units import NS_PER_S, format_count, format_duration
 
@@ -407,7 +407,7 @@ def check_room(found: Sequence[object], limit: int, what: str) -> None:
         raise RecordingError(f"there are more than {limit:,} {what}; allowed are fewer")
 
 
-ATTACHMENTS = {SKIN_NAME, CALIBRATION_NAME, URDF_NAME}
+ATTACHMENTS = {SKIN_NAME, CALIBRATION_NAME, ROBOT_URDF}
 """Names of the attachments that are kept in memory."""
 
 
@@ -473,7 +473,7 @@ class RecordingParser:
         return Recording(
             path=self.path,
             robot_name=self.parse_robot_name(),
-            urdf=self.attachments.get(URDF_NAME, b""),
+            urdf=self.attachments.get(ROBOT_URDF, b""),
             joint_names=self.parse_joint_names(),
             skin=self.parse_skin(skin),
             calibration=parse_calibration(calibration, self.path),

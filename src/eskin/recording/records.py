@@ -17,7 +17,7 @@ from eskin.units import NS_PER_S
 RECORD_NAME = "eskin"
 SKIN_NAME = "skin"
 CALIBRATION_NAME = "calibration.json"
-URDF_NAME = "robot.urdf"
+"""Name of a skin's calibration, in a recording and beside its `skin.yaml`."""
 FORMAT = "1"
 NOTE = "note."
 PARTLY_LABELLED = {"labels": "corrections"}

@@ -41,7 +41,6 @@ from eskin.recording.records import (
     FORMAT,
     RECORD_NAME,
     SKIN_NAME,
-    URDF_NAME,
     DetectionRecord,
     EventRecord,
     Label,
@@ -52,6 +51,7 @@ from eskin.recording.records import (
 )
 from eskin.robot import load_recorded_robot
 from eskin.skin import Skin, skin_to_bytes
+from eskin.skin.files import ROBOT_URDF
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
@@ -138,7 +138,7 @@ class RecordingWriter:
             CALIBRATION_NAME, "application/json", calibration.to_bytes()
         )
         if urdf:
-            self.add_attachment(URDF_NAME, "application/xml", urdf)
+            self.add_attachment(ROBOT_URDF, "application/xml", urdf)
         self.channels: dict[str, int] = {}
         for topic in TOPICS:
             if topic != JOINT_STATES or self.joint_names:

@@ -37,7 +37,7 @@ from eskin.skin.taxel_table import (
 
 MANIFEST = "skin.yaml"
 ROBOT_URDF = "robot.urdf"
-"""Name of the file with the URDF of the skin's robot, beside `skin.yaml`."""
+"""Name of the URDF of a skin's robot, beside `skin.yaml` and in a recording."""
 END = "...\n"
 """End of the YAML document; the taxels follow."""
 Extent = Annotated[int, Field(ge=1, le=65535)]
