@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from eskin.app import (
-    CALIBRATION,
     SourceConfig,
     choose_joints,
     nominal_calibration,
@@ -25,6 +24,7 @@ from eskin.drivers import (
     UdpTransport,
 )
 from eskin.errors import ArmError, DeviceError, EskinError, RecordingError
+from eskin.recording.records import CALIBRATION_NAME
 from eskin.robot import load_robot
 from eskin.robot.presets import read_preset_urdf
 from eskin.sim.constants import load_constants
@@ -175,7 +175,7 @@ def test_calibration_is_given_or_beside_skin_or_nominal(tmp_path):
 
     assert open_calibration().to_bytes() == nominal_calibration(skin).to_bytes()
     beside = Calibration.uniform(skin.count, 1000, 50.0)
-    (tmp_path / "skin" / CALIBRATION).write_bytes(beside.to_bytes())
+    (tmp_path / "skin" / CALIBRATION_NAME).write_bytes(beside.to_bytes())
     assert open_calibration().full_scale == 1000
     given = Calibration.uniform(skin.count, 2000, 50.0)
     (tmp_path / "given.json").write_bytes(given.to_bytes())
