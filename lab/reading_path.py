@@ -18,6 +18,7 @@ came, and the exit code is 1.
 """
 
 import gc
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -46,12 +47,15 @@ class Profiler:
     Attributes:
         on: whether calls are noted.
         called: code objects of the package in the order of their first call.
+        lengths: number of files that each reading passed.
     """
 
     def __init__(self) -> None:
         """Start switched off, in this thread and in those that are started later."""
         self.on = False
         self.called: dict[CodeType, None] = {}
+        self.files: set[str] = set()
+        self.lengths: list[int] = []
         threading.setprofile(self.note)
         sys.setprofile(self.note)
 
@@ -59,6 +63,13 @@ class Profiler:
         """Note the code of a call."""
         if self.on and event == "call" and is_inside(frame.f_code):
             self.called.setdefault(frame.f_code)
+            self.files.add(frame.f_code.co_filename)
+
+    def end_reading(self) -> None:
+        """Keep how many files were passed since the reading before, if it is on."""
+        if self.on:
+            self.lengths.append(len(self.files))
+        self.files.clear()
 
 
 def is_inside(code: CodeType) -> bool:
@@ -98,8 +109,8 @@ def list_files(codes: list[CodeType]) -> list[str]:
     return list(dict.fromkeys(str(path) for path in paths))
 
 
-def receive(calibration: Path, profiler: Profiler) -> tuple[int, int]:
-    """Recognise what comes; return the numbers of readings and detections profiled.
+def receive(calibration: Path, profiler: Profiler) -> int:
+    """Recognise what comes; return the number of detections that were profiled.
 
     Args:
         calibration: file of the calibration that the sender has written.
@@ -111,20 +122,19 @@ def receive(calibration: Path, profiler: Profiler) -> tuple[int, int]:
     config = eskin.SourceConfig(skin="ur5", calibration=calibration, patience=PATIENCE)
     model = eskin.load_model("ur5")
     found = 0
-    count = 0
     end = time.monotonic() + PATIENCE
     with eskin.open_source(f"udp://{ADDRESS}", config=config) as source:
         mounted = eskin.MountedSkin(source.info.skin, source.info.load_robot())
         recognizer = eskin.Recognizer(model, mounted, source.info.calibration)
         for scan in source:
             found += len(recognizer.push(scan))
-            count += profiler.on
+            profiler.end_reading()
             is_over = found > DETECTIONS or time.monotonic() > end
             # Closing the source is no part of a reading's path.
             profiler.on = found > 0 and not is_over
             if is_over:
                 break
-    return count, max(found - 1, 0)
+    return max(found - 1, 0)
 
 
 def build_sender(calibration: Path) -> list[str]:
@@ -133,7 +143,7 @@ def build_sender(calibration: Path) -> list[str]:
     return [sys.executable, "-m", "eskin", *words]
 
 
-def receive_sent(profiler: Profiler) -> tuple[int, int]:
+def receive_sent(profiler: Profiler) -> int:
     """Start the sender, and return what `receive` returns.
 
     Raises:
@@ -159,13 +169,14 @@ def main() -> int:
     """
     profiler = Profiler()
     try:
-        count, found = receive_sent(profiler)
+        found = receive_sent(profiler)
     except EskinError as error:
         print_error(str(error))
         return 1
     finally:
         sys.setprofile(None)
         threading.setprofile(None)
+    count = len(profiler.lengths)
     if found < DETECTIONS:
         print_error(
             f"got {found} detections in {count} profiled readings, with {PATIENCE:g} s "
@@ -176,9 +187,11 @@ def main() -> int:
     files = list_files(called)
     inner = [name for name in list_files(find_inner(called)) if name not in files]
     print("\n".join(files))
+    typical = statistics.median_low(profiler.lengths)
+    longest = max(profiler.lengths)
+    print(f"a reading passes {typical} files at the median and {longest} at most")
     print(f"{len(files)} files in {count} readings and {found} detections")
     print(f"{len(inner)} more that compiled code may call: {', '.join(inner)}")
-    print(f"{len(files) + len(inner)} files in all")
     return 0
 
 

@@ -1,6 +1,7 @@
 """Tests of the files that a reading passes: none are counted where nothing came."""
 
 import sys
+import threading
 
 import pytest
 
@@ -40,8 +41,24 @@ def test_sender_that_sends_nothing_fails(
     assert line.startswith("error: ") and part in line
 
 
-@pytest.mark.parametrize("counts", [(0, 0), (1551, 0), (1551, 4)])
-def test_too_few_detections_fail(monkeypatch, capsys, counts):
-    monkeypatch.setattr(reading_path, "receive_sent", lambda profiler: counts)
-    count, found = counts
+@pytest.mark.parametrize(("count", "found"), [(0, 0), (1551, 0), (1551, 4)])
+def test_too_few_detections_fail(monkeypatch, capsys, count, found):
+    def receive_sent(profiler):
+        profiler.lengths = [30] * count
+        return found
+
+    monkeypatch.setattr(reading_path, "receive_sent", receive_sent)
     assert f"got {found} detections in {count} profiled readings" in refuse(capsys)
+
+
+def test_files_are_counted_for_each_reading():
+    profiler = reading_path.Profiler()
+    try:
+        profiler.on = True
+        assert SKIN.count > 0
+        profiler.end_reading()
+        profiler.end_reading()
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    assert profiler.lengths == [1, 0]
