@@ -19,7 +19,7 @@ from eskin.recording import (
     rewrite_recording,
 )
 from eskin.sets.conversion import ImportedClip, write_clips
-from helpers.cli import assert_refused
+from helpers.cli import assert_refused, call_json
 from helpers.learning import label, onset, record
 
 PLAN = ("hold", "tap") * 3
@@ -128,11 +128,9 @@ def test_labels_outside_of_their_recording_are_refused(make, shift, side):
         assert part in str(caught.value)
 
 
-def test_few_labels_outside_are_left_out_which_is_told(make, caplog):
+def test_few_labels_outside_of_their_recording_are_not_learned(make):
     dataset = prepare([make([*mark(), label(90, 91, "tap")])])
     assert len(dataset.labelled) == len(PLAN) and not dataset.missed
-    assert "1 of 7 labels lie outside of the recording" in caplog.text
-    assert "left out" in caplog.text
 
 
 def test_labels_that_count_are_the_true_events(make):
@@ -166,8 +164,11 @@ def convert(path):
     write_clips([clip], path.parent / "out", recording.skin, recording.calibration)
 
 
-ENTRANCES = (learn, score, label_by_ranges, label_by_hand, convert)
-"""What learns, scores or writes labels."""
+WRITERS = (label_by_ranges, label_by_hand, convert)
+"""What writes labels."""
+READERS = (learn, score)
+"""What reads the labels of existing recordings."""
+ENTRANCES = (*READERS, *WRITERS)
 LATE = label(onset(5), onset(5) + LASTS, "tap")
 OVERLAP = r"a\.mcap: labels 'hold' from 2\.40 .* 'tap' from 2\.50 to 3\.00 s overlap"
 WRONG = {
@@ -179,6 +180,12 @@ WRONG = {
     "before": (mark(-60), r"a\.mcap: 6 of 6 labels lie outside .* before its start"),
     "after": (mark(5000), r"a\.mcap: 6 of 6 labels lie outside .* after its end"),
 }
+FEW_OUTSIDE = {
+    "before": ([label(-90, -89, "tap"), *mark()], "from -90.00 to -89.00 s .* before"),
+    "after": ([*mark(), label(90, 91, "tap")], "from 90.00 to 91.00 s .* after"),
+    "an hour later": ([*mark(), label(3600, 3601, "tap")], "from 3600.00 to 3601.00 s"),
+}
+"""Labels of which all but one are right, with the place of the wrong one."""
 
 
 @pytest.mark.parametrize("kind", WRONG)
@@ -191,6 +198,45 @@ def test_wrong_labels_are_refused_alike_wherever_they_come_in(make, enter, kind)
         enter(path)
     assert path.read_bytes() == before
     assert [*path.parent.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("kind", FEW_OUTSIDE)
+@pytest.mark.parametrize("enter", WRITERS)
+def test_no_label_outside_of_its_recording_is_written(make, enter, kind):
+    labels, place = FEW_OUTSIDE[kind]
+    path = make(labels)
+    before = path.read_bytes()
+    part = rf"a\.mcap: 1 of 7 labels lie outside .* 'tap' {place}"
+    with pytest.raises(RecordingError, match=part):
+        enter(path)
+    assert path.read_bytes() == before
+    assert [*path.parent.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("kind", FEW_OUTSIDE)
+@pytest.mark.parametrize("enter", READERS)
+def test_few_labels_outside_are_left_out_where_they_are_read(make, enter, kind, caplog):
+    labels, place = FEW_OUTSIDE[kind]
+    enter(make(labels))
+    text = rf"1 of 7 labels lie outside .* 'tap' {place}.*; they are left out"
+    assert re.search(text, caplog.text)
+
+
+def test_true_labels_outside_are_not_written_with_the_ranges_of_others(make):
+    """Automatic labelling keeps the true labels of a recording, whatever is marked."""
+    recording = read_recording(make([*mark(), label(90, 91, "tap")]))
+    ranges = [replace(x, source="range") for x in mark()]
+    with pytest.raises(RecordingError, match="1 of 7 labels lie outside"):
+        label_recording(recording, ranges)
+
+
+def test_labels_outside_are_removed_where_a_recording_is_viewed(make, capsys):
+    path = make([*mark(), label(90, 91, "tap")])
+    before = path.read_bytes()
+    result, out = call_json(capsys, "view", path, "--port", "0", "--seconds", "0.1")
+    assert result == {"labels": len(PLAN), "saved": False}
+    assert "1 of 7 labels lie outside" in out
+    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("enter", ENTRANCES)
@@ -216,15 +262,29 @@ def test_labels_are_needed_of_one_recording_at_least(make, count):
     check_labels([*silent, read_recording(named).label_set], needed=True)
 
 
-def test_wrong_ranges_are_refused_by_the_name_of_their_file(make, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("last", "part"),
+    [
+        (
+            "{start_s: 3, end_s: 4, gesture: tap}",
+            "ranges.yaml, label at 3.00 s: gestures 'Tap' and 'tap' differ only in",
+        ),
+        ("{start_s: 90, end_s: 91, gesture: Tap}", "ranges.yaml: 1 of 3 labels lie"),
+    ],
+)
+def test_wrong_ranges_are_refused_by_the_name_of_their_file(
+    make, tmp_path, capsys, last, part
+):
     ranges = tmp_path / "ranges.yaml"
     ranges.write_text(
         "- {start_s: 1, end_s: 2, gesture: Tap}\n"
-        "- {start_s: 3, end_s: 4, gesture: tap}\n"
+        "- {start_s: 5, end_s: 6, gesture: Tap}\n"
+        f"- {last}\n"
     )
-    part = "ranges.yaml, label at 3.00 s: gestures 'Tap' and 'tap' differ only in case"
-    words = ("label", make(mark()), "--ranges", ranges)
-    assert_refused(capsys, *words, part=part)
+    path = make(mark())
+    before = path.read_bytes()
+    assert_refused(capsys, "label", path, "--ranges", ranges, part=part)
+    assert path.read_bytes() == before
 
 
 def test_wrong_labels_are_mended_by_hand_one_after_the_other(make):

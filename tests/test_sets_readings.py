@@ -181,6 +181,30 @@ def test_labels_by_repetition_and_counts_with_joint_positions_are_kept(
     assert len(recordings) == 2
 
 
+@pytest.mark.parametrize(
+    ("last", "part"),
+    [
+        ((9, 10), "1 of 3 labels lie outside of the recording, 7.82 s from it"),
+        ((0.9, 0.8), "label 'wave' ends at"),
+        ((0.3, 0.6), "labels 'wave' from 0.00 to 0.40 s and 'wave' from 0.30"),
+    ],
+)
+def test_wrong_labels_beside_a_file_are_refused_by_the_name_of_theirs(
+    last, part, toy, tmp_path, capsys
+):
+    mounted, options = toy
+    content = make_content(mounted)
+    content["stamp"] = 0.02 * np.arange(COUNT)
+    start, end = last
+    labels = {"gesture": ["wave"] * 3, "start": [0, 0.5, start], "end": [0.4, 0.9, end]}
+    (tmp_path / "in").mkdir()
+    write_parquet(tmp_path / "in" / "b.parquet", content)
+    parquet.write_table(pa.table(labels), tmp_path / "in" / "b.labels.parquet")
+    words = ("convert", "table", tmp_path / "in", tmp_path / "out", *options)
+    assert_refused(capsys, *words, part=f"b.labels.parquet: {part}")
+    assert not (tmp_path / "out").exists()
+
+
 def test_each_person_and_session_of_a_file_is_a_recording(toy, tmp_path, capsys):
     mounted, options = toy
     content = make_content(mounted)
@@ -347,6 +371,15 @@ BAD = {
     "label outside": (
         lambda c: c | {"gesture": ["a"], "start": [1], "end": [2]},
         "1 of 1 labels lie outside of the recording, 54 years from it",
+    ),
+    "one label outside": (
+        lambda c: (
+            c
+            | {"gesture": ["a", "b", "a"]}
+            | {"start": [*c["stamp"][[3, 20]], 1], "end": [*c["stamp"][[7, 40]], 2]}
+        ),
+        "1 of 3 labels lie outside of the recording, 54 years from it; the first is "
+        "'a' from -1700000000.00 to -1700000000.00 s (stamp 1 ns), before its start",
     ),
     "labels that overlap": (
         lambda c: (

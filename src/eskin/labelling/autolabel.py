@@ -280,8 +280,8 @@ def label_recording(
         place: file of the ranges, which messages name; None for the recording.
 
     Raises:
-        RecordingError: there are neither ranges nor true gestures, or ranges that
-            cannot be right.
+        RecordingError: there are neither ranges nor true gestures, or ranges or true
+            labels that cannot be right.
     """
     if ranges is None:
         ranges = sort_labels(recording.labels, "range")
@@ -292,10 +292,13 @@ def label_recording(
             "say where the gestures are with --ranges FILE"
         )
     own = recording.label_set
-    check_labels([replace(own, labels=tuple(ranges), path=place or own.path)])
+    kept = replace(own, labels=sort_labels(own.labels, "true"))
+    marked = replace(own, labels=tuple(ranges), path=place or own.path)
+    check_labels([kept], written=True)
+    check_labels([marked], written=True)
     stamps, peaks = compute_peak_pressures(recording)
     found = label_automatically(stamps, peaks, ranges, config)
-    check_labels([replace(own, labels=found)])
+    check_labels([replace(own, labels=found)], written=True)
     return AutoLabelResult(stamps, tuple(ranges), found)
 
 

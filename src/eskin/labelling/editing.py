@@ -135,7 +135,8 @@ class LabelEditor:
                 the labels cannot be right.
         """
         path = self.recording.path
-        check_labels([replace(self.recording.label_set, labels=self.labels)])
+        own = replace(self.recording.label_set, labels=self.labels)
+        check_labels([own], written=True)
         kept = path.with_name(f"{path.stem}.original{path.suffix}")
         others = [label for label in self.recording.labels if label.source != "true"]
         if not self.recording.truncated:

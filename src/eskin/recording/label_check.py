@@ -3,7 +3,8 @@
 A wrong label is taken for the truth: a model learns it, and a score counts it. So
 labels that contradict the recording, each other or the touches are refused, and those
 that may be right are told. Labels are checked before they are learned or scored, and
-before they are written by a person, by automatic labelling or by a conversion.
+before they are written by a person, by automatic labelling or by a conversion, where
+no label may lie outside of its recording.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,7 +27,8 @@ from eskin.units import NS_PER_S, format_duration
 MAX_LABELS = 20_000
 """Largest number of labels of a recording, which are read into memory."""
 MAX_WRONG = 0.5
-"""Share of the labels of a recording that may lie beside it, or beside its touches."""
+"""Share of the labels of a recording that is read that may lie outside of it, or beside
+its touches."""
 FEWEST = 3
 """Number of labels without a touch from which on they are refused. Fewer may be of
 touches that are too faint to be felt."""
@@ -94,21 +96,23 @@ class LabelSet:
         return found
 
 
-def check_labels(sets: Sequence[LabelSet], needed: bool = False) -> None:
+def check_labels(
+    sets: Sequence[LabelSet], needed: bool = False, written: bool = False
+) -> None:
     """Refuse labels that contradict each other, their recordings or their touches.
-
-    Labels that most others agree with are told instead where they lie outside of their
-    recording.
 
     Args:
         sets: labels of recordings that are learned, scored or written together.
         needed: whether at least one of them must say which gestures were made.
+        written: whether the labels are to be written, so that none may lie outside of
+            its recording. In a recording that exists, a few that do are left out, which
+            is told.
 
     Raises:
         RecordingError: naming the recording, and the label with its time, if there are
             no labels where they are needed, or too many, a gesture has a name that no
-            model can have, two labels overlap, most labels lie outside of a recording,
-            or most hold no touch while as many touches have no label.
+            model can have, two labels overlap, labels lie outside of a recording, or
+            most hold no touch while as many touches have no label.
     """
     if needed:
         check_known(sets)
@@ -117,7 +121,7 @@ def check_labels(sets: Sequence[LabelSet], needed: bool = False) -> None:
         check_count(each)
         check_names(each, names)
         check_overlap(each)
-        check_inside(each)
+        check_inside(each, written)
     for each in sets:
         check_touches([each])
     check_touches(sets)
@@ -173,22 +177,22 @@ def check_overlap(labels: LabelSet) -> None:
             )
 
 
-def check_inside(labels: LabelSet) -> None:
-    """Raise if most labels lie outside of the recording; tell where a few do."""
-    outside = labels.outside
-    if not outside:
+def check_inside(labels: LabelSet, written: bool) -> None:
+    """Raise if labels lie outside of the recording; tell a few that are only read."""
+    if not labels.outside:
         return
-    text = describe_outside(labels, outside)
-    if len(outside) > MAX_WRONG * len(labels.best):
+    text = describe_outside(labels)
+    if written or len(labels.outside) > MAX_WRONG * len(labels.best):
         raise RecordingError(
             f"{text}; allowed are labels during the recording; correct their clock or "
-            "unit (nanoseconds, as the stamps of readings)"
+            "unit (nanoseconds, as the stamps of readings), or remove them"
         )
     warn_once(f"{text}; they are left out")
 
 
-def describe_outside(labels: LabelSet, outside: Sequence[Label]) -> str:
+def describe_outside(labels: LabelSet) -> str:
     """Return how many labels lie outside of a recording, and where, for messages."""
+    outside = labels.outside
     distances = [
         max(label.start - labels.end, labels.start - label.end) for label in outside
     ]
@@ -199,7 +203,8 @@ def describe_outside(labels: LabelSet, outside: Sequence[Label]) -> str:
     side = "after its end" if first.start > labels.end else "before its start"
     return (
         f"{labels.path}: {len(outside)} of {len(labels.best)} labels lie outside of "
-        f"the recording, {distance} from it; the first is '{first.gesture}', {side}"
+        f"the recording, {distance} from it; the first is "
+        f"{describe_label(first, labels.start)} (stamp {first.start} ns), {side}"
     )
 
 

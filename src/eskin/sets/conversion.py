@@ -162,7 +162,7 @@ def write_clips(
                         "and session"
                     )
                 check_new_recording(folder / path.name)
-                check_labels([clip.label_set])
+                check_labels([clip.label_set], written=True)
                 checked.append(clip.label_set)
                 own = clip.calibration or calibration
                 writer = RecordingWriter(
@@ -174,7 +174,7 @@ def write_clips(
                 recordings += 1
                 labels += len(clip.label_set.labels)
         # Names of all clips together, which are not known before.
-        check_labels(checked)
+        check_labels(checked, written=True)
         for path in sorted(work.iterdir()):
             path.replace(folder / path.name)
     finally:

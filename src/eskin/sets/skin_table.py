@@ -140,7 +140,7 @@ def read_sessions(
                 name_file((path.stem, *several)),
                 Metadata("table", person, session, "table", {"source_file": path.name}),
                 islice(scans, run.stop - run.start),
-                LabelSet(path, own, first, last),
+                LabelSet(find_label_file(path), own, first, last),
                 calibration,
             )
 
@@ -265,6 +265,12 @@ def raise_missing(file: ReadingFile, name: str, option: str) -> NoReturn:
     )
 
 
+def find_label_file(path: Path) -> Path:
+    """Return the file that holds the labels of a file of readings, often the same."""
+    beside = path.with_name(path.stem + LABELS_SUFFIX)
+    return beside if path.suffix == ".parquet" and beside.exists() else path
+
+
 def read_labels(
     file: ReadingFile,
     layout: ReadingLayout,
@@ -272,11 +278,10 @@ def read_labels(
     runs: list[slice],
 ) -> list[tuple[Label, ...]]:
     """Return the labels of each run of readings."""
-    path = file.path
-    beside = path.with_name(path.stem + LABELS_SUFFIX)
+    path = find_label_file(file.path)
     try:
-        if path.suffix == ".parquet" and beside.exists():
-            with open_readings(beside) as table:
+        if path != file.path:
+            with open_readings(path) as table:
                 found = [read_repetitions(table, layout.label, file)]
         elif {"start", "end"} <= set(file.names):
             found = [read_repetitions(file, layout.label, file)]

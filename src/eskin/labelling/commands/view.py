@@ -47,6 +47,7 @@ def run(command: ViewCommand) -> dict[str, object]:
     from eskin.live import Recognizer, load_model
     from eskin.page.process import describe_link, format_link, free_port, make_token
     from eskin.recording import Overrides, read_recording
+    from eskin.recording.label_check import describe_outside
     from eskin.robot import load_robot
     from eskin.skin import MountedSkin
 
@@ -77,6 +78,13 @@ def run(command: ViewCommand) -> dict[str, object]:
     replayed = load_replayed(played, mounted, config)
     vocabulary = [*(found.gesture for found in detections), *GESTURES]
     editor = LabelEditor(recording, vocabulary)
+    if outside := recording.label_set.outside:
+        # The page shows the time of the recording, in which they could not be removed.
+        editor.remove(*outside)
+        print(
+            f"{describe_outside(recording.label_set)}; saving leaves them "
+            "out, and undo brings them back"
+        )
     token = make_token()
     server = open_server(port, token)
     try:
