@@ -163,7 +163,10 @@ def test_check_command_finds_nothing_wrong_with_a_good_skin(tmp_path, capsys):
         (["check", "nothing"], "skin.yaml"),
         (["check", "ur5", "--robot", "nothing"], "'nothing'"),
         (["show", "nothing"], "(ur5, ur5-half"),
-        (["show", "ur5", "--out", "a.foo"], "'.foo'"),
+        (
+            ["show", "ur5", "--out", "a.foo"],
+            "a.foo is no picture that can be drawn; allowed are .png, .svg, .pdf",
+        ),
         (["show", "ur5", "--out", "no/a.png"], "no folder no"),
         (["show", "ur5", "--out", "a.png", "--robot", "table"], "links"),
     ],

@@ -157,6 +157,8 @@ MAX_SHOWN = 40
 """Number of characters of a value that messages show."""
 MAX_DEPTH = 20
 """Largest depth of nested collections in a file."""
+YAML_SUFFIXES = (".yaml", ".yml")
+"""Ends of the names of YAML files."""
 MAX_YAML_BYTES = 1 << 19
 """Largest size of a file [bytes]."""
 MAX_VALUES = 16_000

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from eskin.errors import DeviceError, EskinError
-from eskin.files import read_file
+from eskin.files import YAML_SUFFIXES, read_file
 
 if TYPE_CHECKING:
     from eskin.recording import Overrides
     from eskin.touch import Fault
 
-PICTURES = (".png", ".svg", ".pdf")
 MAX_CHECKED = 20
 """Number of recordings that are read before a command begins; more are read by it."""
 MAX_CHECKED_BYTES = 256 << 20
@@ -127,22 +126,25 @@ def check_files(words: Sequence[str]) -> None:
     Raises:
         EskinError: if a model, recording or command map cannot be used.
     """
+    from eskin.live.model_file import MODEL_SUFFIX
+    from eskin.recording import is_recording
+
     pairs = zip(["", *words], words, strict=False)
     read = [word for before, word in pairs if before not in OUTPUTS]
     named = [path for path in map(Path, read) if path.suffix and path.exists()]
-    recordings = [path for path in named if path.suffix == ".mcap"]
+    recordings = [path for path in named if is_recording(path)]
     for path in recordings[:MAX_CHECKED]:
         # A file with a hole is smaller on disk than it says.
         if path.stat().st_blocks * BLOCK <= MAX_CHECKED_BYTES:
             check_recording(path)
     for path in named:
-        if path.suffix == ".safetensors":
+        if path.suffix == MODEL_SUFFIX:
             from eskin.live import ESKIN, check_weights, load_model
 
             model = load_model(path)
             if model.card.recogniser == ESKIN:
                 check_weights(model)
-        elif path.suffix in (".yaml", ".yml"):
+        elif path.suffix in YAML_SUFFIXES:
             check_yaml(path)
 
 
@@ -207,6 +209,8 @@ def check_writable(target: Path) -> None:
         EskinError: if it is a folder or a recording, or is in a place that cannot be
             written to.
     """
+    from eskin.recording import is_recording
+
     if target.is_dir():
         raise EskinError(
             f"cannot write {target}: it is a folder; give the path of a file"
@@ -217,16 +221,6 @@ def check_writable(target: Path) -> None:
             "allowed is another path; move it away or give another"
         )
     check_folder(target.absolute().parent)
-
-
-def is_recording(path: Path) -> bool:
-    """Return whether a file is an MCAP file, whole or cut, whatever its name."""
-    from eskin.recording.mcap_file import MAGIC
-
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
 
 
 def check_folder(folder: Path) -> None:
@@ -257,11 +251,10 @@ def check_picture(target: Path) -> None:
     """Raise if a picture cannot be written at a path.
 
     Raises:
-        EskinError: if it cannot be written there, or its format is unknown.
+        EskinError: if it cannot be written there.
+        ValueError: if its format is unknown.
     """
+    from eskin.skin.picture import check_picture_format
+
     check_writable(target)
-    if target.suffix not in PICTURES:
-        raise EskinError(
-            f"{target} is no picture that can be drawn; allowed are "
-            f"{', '.join(PICTURES)}"
-        )
+    check_picture_format(target)

@@ -269,7 +269,9 @@ def describe_review(review: "AttemptReview", command: RecordCommand) -> list[str
         lines.append(f"  {one} is most like {other} {format_count(times, 'time')}")
     if review.few:
         lines.append(f"  few examples of {', '.join(review.few)}; record more of them")
-    model = command.out.with_suffix(".safetensors")
+    from eskin.live.model_file import MODEL_SUFFIX
+
+    model = command.out.with_suffix(MODEL_SUFFIX)
     lines.append(
         f"then: eskin train {command.out} --start ur5 --train.epochs 3 --out {model}"
     )

@@ -30,8 +30,8 @@ MAX_BYTES = 1 << 18
 """Largest size of a command map [bytes]."""
 DEFAULT_MAP = "commands.yaml"
 """File of the default map, which comes with eskin."""
-NAMED_MAPS = ("paper",)
-"""Names of other maps that come with eskin."""
+NAMED_MAPS = {"paper": "paper.yaml"}
+"""Files of other maps that come with eskin, by their names."""
 NON_GESTURES = (NONE, UNKNOWN)
 """Classes of detections that are no gestures and command nothing."""
 NEVER_ASKS = "never"
@@ -340,7 +340,7 @@ def find_shipped_map(path: Path | str | None) -> str | None:
     """Return the file of a map that comes with eskin, or None for any other."""
     if path is None:
         return DEFAULT_MAP
-    return f"{path}.yaml" if str(path) in NAMED_MAPS else None
+    return NAMED_MAPS.get(str(path))
 
 
 def check_real(commands: CommandMap, path: Path | str | None) -> None:

@@ -25,7 +25,8 @@ from eskin.recording.records import NONE
 from eskin.registry import RECOGNISERS, find_plugins
 
 CARD = "eskin"
-SUFFIX = ".safetensors"
+MODEL_SUFFIX = ".safetensors"
+"""End of the name of a model file."""
 
 MODELS = {"ur5": "ur5", "ur5-sim": "ur5", "ur5-groups": "ur5", "ur5-blind": "ur5"}
 """Names that `load_model` knows, each with the preset skin that it was trained on.
@@ -93,7 +94,8 @@ def load_model(name_or_path: str | Path) -> Model:
     """
     path = Path(name_or_path)
     if str(name_or_path) in MODELS:
-        path = Path(str(resources.files("eskin.live") / "presets" / f"{path}{SUFFIX}"))
+        presets = resources.files("eskin.live") / "presets"
+        path = Path(str(presets / f"{path}{MODEL_SUFFIX}"))
     if path.is_dir():
         raise ModelError(
             f"{path} is a folder, and no model file; allowed are {', '.join(MODELS)} "

@@ -7,6 +7,8 @@ from eskin.recording.reader import (
     Recording,
     ScanArrays,
     find_recordings,
+    is_recording,
+    list_recordings,
     read_calibration,
     read_recording,
 )
@@ -58,7 +60,9 @@ __all__ = [
     "check_new_name",
     "check_new_recording",
     "find_recordings",
+    "is_recording",
     "label_instants",
+    "list_recordings",
     "load_ranges",
     "read_calibration",
     "read_recording",

@@ -24,7 +24,10 @@ from mcap.records import Attachment, Channel, Chunk, Header, Metadata
 from eskin.errors import RecordingError
 from eskin.files import open_file
 
+MCAP_SUFFIX = ".mcap"
+"""End of the name of an MCAP file."""
 MAGIC = b"\x89MCAP0\r\n"
+"""First and last bytes of an MCAP file."""
 RECORD_HEADER = struct.Struct("<BQ")
 MESSAGE_HEADER = struct.Struct("<HIQQ")
 CHUNK_HEADER = struct.Struct("<QQQII")

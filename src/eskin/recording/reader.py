@@ -24,7 +24,7 @@ from eskin.errors import (
 from eskin.files import read_file
 from eskin.recording.cdr import MAX_STRINGS
 from eskin.recording.label_check import MAX_LABELS, LabelSet
-from eskin.recording.mcap_file import McapReader, TopicMessage
+from eskin.recording.mcap_file import MAGIC, MCAP_SUFFIX, McapReader, TopicMessage
 from eskin.recording.messages import (
     DETECTION,
     EVENT,
@@ -69,6 +69,27 @@ parse_shared_skin = lru_cache(maxsize=8)(skin_from_bytes)
 """Parse the skin of an attachment; equal attachments share one object."""
 
 
+def is_recording(path: Path) -> bool:
+    """Return whether a file is a recording by its name, or by its first bytes.
+
+    A recording of another name is one, and so is a damaged one.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    if not path.is_file():
+        return False
+    if path.suffix == MCAP_SUFFIX:
+        return True
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+def list_recordings(folder: Path) -> list[Path]:
+    """Return the recordings below a folder, which are told by their names, sorted."""
+    return sorted(folder.rglob(f"*{MCAP_SUFFIX}"))
+
+
 def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
     """Find the files given, and all `.mcap` files below the folders given, sorted.
 
@@ -78,7 +99,7 @@ def find_recordings(places: Iterable[Path | str]) -> tuple[Path, ...]:
     found: list[Path] = []
     for place in map(Path, places):
         if place.is_dir():
-            inside = sorted(place.rglob("*.mcap"))
+            inside = list_recordings(place)
             if not inside:
                 raise RecordingError(
                     f"no .mcap file below {place}; convert or record some first"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from eskin.errors import RobotError
 from eskin.robot.robot import Robot
-from eskin.robot.urdf import load_urdf, parse_urdf
+from eskin.robot.urdf import URDF_SUFFIX, load_urdf, parse_urdf
 
 ROBOT_PRESETS = ("ur5", "ur10", "base", "post", "table", "tube")
 """Names of the robots that come with eskin."""
@@ -25,7 +25,7 @@ def load_robot(name_or_path: str | Path, *, mimics: bool = True) -> Robot:
     if str(name_or_path) in ROBOT_PRESETS:
         return load_preset(str(name_or_path), mimics)
     path = Path(name_or_path)
-    if path.suffix != ".urdf" and not path.is_file():
+    if path.suffix != URDF_SUFFIX and not path.is_file():
         raise RobotError(
             f"no robot '{name_or_path}'; allowed: {', '.join(ROBOT_PRESETS)}, "
             "or the path of a .urdf file"
@@ -36,7 +36,7 @@ def load_robot(name_or_path: str | Path, *, mimics: bool = True) -> Robot:
 @lru_cache
 def load_preset(name: str, mimics: bool) -> Robot:
     """Load a robot that comes with eskin, once in a process."""
-    package = resources.files("eskin.robot") / "presets" / f"{name}.urdf"
+    package = resources.files("eskin.robot") / "presets" / f"{name}{URDF_SUFFIX}"
     with resources.as_file(package) as path:
         return load_urdf(path, mimics=mimics)
 
@@ -51,7 +51,9 @@ def read_preset_urdf(name: str) -> str:
         raise RobotError(
             f"no robot '{name}' comes with eskin; allowed: {', '.join(ROBOT_PRESETS)}"
         )
-    return (resources.files("eskin.robot") / "presets" / f"{name}.urdf").read_text()
+    return (
+        resources.files("eskin.robot") / "presets" / f"{name}{URDF_SUFFIX}"
+    ).read_text()
 
 
 def load_recorded_robot(

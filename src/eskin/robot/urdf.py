@@ -81,6 +81,8 @@ TURNS = 4 * np.pi
 ENDLESS = 1e4
 """Limit from which a joint is taken as one without limits [rad] or [m]."""
 RADIANS = "divide by 57.29578: angles of a URDF are in radians"
+URDF_SUFFIX = ".urdf"
+"""End of the name of a URDF file."""
 RUN_XACRO = "run xacro first, as in 'xacro FILE > out.urdf'"
 
 

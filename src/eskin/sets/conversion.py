@@ -17,6 +17,7 @@ from eskin.files import read_file, shorten
 from eskin.live.model_file import MODELS, load_model
 from eskin.progress import show_progress
 from eskin.recording.label_check import LabelSet, check_labels
+from eskin.recording.mcap_file import MCAP_SUFFIX
 from eskin.recording.records import NONE, Metadata, look_of
 from eskin.recording.writer import (
     RecordingWriter,
@@ -29,6 +30,12 @@ from eskin.touch import Calibration, Scan
 
 SetName = Literal["sleeve", "shearsense", "socialtouch", "cost", "haart", "capfingerid"]
 """Names of the public sets."""
+CSV_SUFFIX = ".csv"
+JSON_SUFFIX = ".json"
+NPZ_SUFFIX = ".npz"
+PARQUET_SUFFIX = ".parquet"
+GZIP_SUFFIX = ".gz"
+"""Ends of the names of files of sets; the last follows that of what is compressed."""
 # Most datasets do not say what their sensors were fixed to, or their full scale.
 TABLE = "table"
 FULL_SCALE_KPA = 100.0
@@ -154,7 +161,7 @@ def write_clips(
     try:
         with show_progress("readings converted", None) as update:
             for clip in clips:
-                path = work / f"{clip.name}.mcap"
+                path = work / f"{clip.name}{MCAP_SUFFIX}"
                 if path.exists():
                     raise ImportSourceError(
                         f"two files, or parts of one, would become {path.name}; "
@@ -225,7 +232,7 @@ def read_decompressed(path: Path) -> bytes:
     """
     try:
         data = read_file(path, MAX_SOURCE_BYTES)
-        if path.suffix == ".gz":
+        if path.suffix == GZIP_SUFFIX:
             with gzip.GzipFile(fileobj=BytesIO(data)) as file:
                 data = file.read(MAX_SOURCE_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:

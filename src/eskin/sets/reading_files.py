@@ -17,6 +17,7 @@ import numpy as np
 from eskin.errors import ImportSourceError
 from eskin.files import open_file
 from eskin.registry import find_package
+from eskin.sets.conversion import NPZ_SUFFIX
 from eskin.sets.shearsense import ARCHIVE_ERRORS
 
 MAX_FILE_BYTES = 1 << 38
@@ -129,7 +130,7 @@ def open_readings(path: Path) -> Iterator[ReadingFile]:
     with ExitStack() as stack:
         with explain_errors(path):
             file = stack.enter_context(open_file(path, MAX_FILE_BYTES))
-            if path.suffix == ".npz":
+            if path.suffix == NPZ_SUFFIX:
                 archive = stack.enter_context(zipfile.ZipFile(file))
                 opened: ReadingFile = NpzReadings(path, archive)
             else:

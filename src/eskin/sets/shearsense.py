@@ -22,6 +22,7 @@ from eskin.recording.records import NONE, Label, Metadata
 from eskin.sets.conversion import (
     FULL_SCALE_KPA,
     MAX_SOURCE_BYTES,
+    NPZ_SUFFIX,
     ConversionResult,
     ImportedClip,
     write_clips,
@@ -69,9 +70,13 @@ def convert_shearsense(source: Path | str, folder: Path | str) -> ConversionResu
 
 def find_shearsense_files(source: Path) -> list[Path]:
     """Find the dataset's files below a folder, sorted by gesture and name."""
-    files = sorted(source.rglob("*.npz")) if source.is_dir() else []
+    files = sorted(source.rglob(f"*{NPZ_SUFFIX}")) if source.is_dir() else []
     if not files:
-        missing = f".npz file below {source}" if source.is_dir() else f"folder {source}"
+        missing = (
+            f"{NPZ_SUFFIX} file below {source}"
+            if source.is_dir()
+            else f"folder {source}"
+        )
         raise ImportSourceError(
             f"no {missing}; give the folder that holds one folder a gesture"
         )

@@ -30,6 +30,8 @@ from eskin.recording.records import (
 )
 from eskin.sets.conversion import (
     FULL_SCALE_KPA,
+    NPZ_SUFFIX,
+    PARQUET_SUFFIX,
     ConversionResult,
     ImportedClip,
     find_files,
@@ -44,8 +46,8 @@ from eskin.skin import MountedSkin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
-SUFFIXES = (".npz", ".parquet")
-LABELS_SUFFIX = ".labels.parquet"
+SUFFIXES = (NPZ_SUFFIX, PARQUET_SUFFIX)
+LABELS_SUFFIX = f".labels{PARQUET_SUFFIX}"
 """End of the name of a Parquet file with the repetitions of the one beside it."""
 CHUNK_BYTES = 16 << 20
 """Size of the readings that are held at a time, as doubles [bytes]."""
@@ -268,7 +270,7 @@ def raise_missing(file: ReadingFile, name: str, option: str) -> NoReturn:
 def find_label_file(path: Path) -> Path:
     """Return the file that holds the labels of a file of readings, often the same."""
     beside = path.with_name(path.stem + LABELS_SUFFIX)
-    return beside if path.suffix == ".parquet" and beside.exists() else path
+    return beside if path.suffix == PARQUET_SUFFIX and beside.exists() else path
 
 
 def read_labels(

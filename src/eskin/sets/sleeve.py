@@ -20,6 +20,8 @@ from eskin.recording.label_check import LabelSet
 from eskin.recording.records import NONE, Metadata, build_labels
 from eskin.sets.conversion import (
     FULL_SCALE_KPA,
+    GZIP_SUFFIX,
+    JSON_SUFFIX,
     ConversionResult,
     ImportedClip,
     find_files,
@@ -37,7 +39,7 @@ FULL_SCALE = 170
 FLOOR_KPA = 10.0  # Worn tight, the sleeve rests at several nominal kPa.
 PERIOD_NS = 100_000_000
 SAME_SESSION = timedelta(minutes=10)
-SUFFIXES = (".json", ".json.gz")
+SUFFIXES = (JSON_SUFFIX, JSON_SUFFIX + GZIP_SUFFIX)
 MAX_LISTS = 1_000_000
 """Largest number of lists and objects in a file, which take 20 times its size."""
 
@@ -56,7 +58,8 @@ def convert_sleeve(source: Path | str, folder: Path | str) -> ConversionResult:
     files = find_files(Path(source), "*", SUFFIXES)
     if not files:
         raise ImportSourceError(
-            f"no file in {source} ends with .json or .json.gz; give the sleeve set"
+            f"no file in {source} ends with {' or '.join(SUFFIXES)}; give the sleeve "
+            "set"
         )
     times, paths = zip(*sorted((find_start(path), path) for path in files), strict=True)
     clips = map(read_sleeve_file, paths, times, name_sessions(times))
@@ -110,7 +113,7 @@ def read_sleeve_file(path: Path, time: datetime, session: str) -> ImportedClip:
         for stamp, count in zip(stamps, counts, strict=True)
     )
     labels = build_labels(stamps, gestures, PERIOD_NS)
-    name = path.name.removesuffix(".gz").removesuffix(".json")
+    name = path.name.removesuffix(GZIP_SUFFIX).removesuffix(JSON_SUFFIX)
     notes = {"source_file": path.name, "rate": "10 Hz, nominal"}
     metadata = Metadata("sleeve", "", session, "sleeve", notes)
     label_set = LabelSet(path, labels, scans[0].stamp, scans[-1].stamp)

@@ -20,7 +20,9 @@ from eskin.errors import ImportSourceError
 from eskin.recording.label_check import LabelSet
 from eskin.recording.records import NONE, Label, Metadata
 from eskin.sets.conversion import (
+    CSV_SUFFIX,
     FULL_SCALE_KPA,
+    GZIP_SUFFIX,
     ConversionResult,
     ImportedClip,
     find_files,
@@ -43,7 +45,9 @@ holds two repetitions."""
 TOUCHED_COUNTS = 26
 """Counts from which a reading is touched: a tenth of full scale, which three in four
 readings exceed and taxels at rest do not reach."""
-SUFFIXES = (".csv", ".csv.gz")
+SUFFIXES = (CSV_SUFFIX, CSV_SUFFIX + GZIP_SUFFIX)
+START = r"-(\d+)_(\d+)_(\d+)h_(\d+)m_(\d+)s"
+"""End of the name of a file: day, month, hour, minute and second of its start."""
 HEAD = ("participantID", "gesture", "repetition", "frameID", "time")
 WIDTH = len(HEAD) + ROWS * COLUMNS
 HEADER = ",".join((*HEAD, *(f"pixel{n}" for n in range(ROWS * COLUMNS))))
@@ -141,7 +145,7 @@ def read_socialtouch_file(path: Path) -> ImportedClip:
 
 def parse_start(path: Path) -> datetime:
     """Return the start of a file, from day, month and time in its name."""
-    found = re.search(r"-(\d+)_(\d+)_(\d+)h_(\d+)m_(\d+)s\.csv", path.name)
+    found = re.search(START + re.escape(CSV_SUFFIX), path.name)
     try:
         day, month, *clock = [int(n) for n in found.groups()] if found else []
         return datetime(YEAR, month, day, *clock, tzinfo=UTC)

@@ -22,7 +22,9 @@ from eskin.files import open_file, parse_number, shorten
 from eskin.recording.label_check import LabelSet
 from eskin.recording.records import Label, Metadata
 from eskin.sets.conversion import (
+    CSV_SUFFIX,
     FULL_SCALE_KPA,
+    NPZ_SUFFIX,
     ConversionResult,
     ImportedClip,
     find_files,
@@ -37,7 +39,7 @@ from eskin.skin import build_grid_skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
 
-SUFFIXES = (".csv", ".npz")
+SUFFIXES = (CSV_SUFFIX, NPZ_SUFFIX)
 MAX_TABLE_BYTES = 2 << 30
 """Largest size of a table, unpacked [bytes]."""
 START_NS = 946_684_800 * NS_PER_S
@@ -271,7 +273,7 @@ def load_table(path: Path, layout: TableLayout) -> Table:
     Raises:
         ImportSourceError: it cannot be read.
     """
-    load = load_npz if path.suffix == ".npz" else load_csv
+    load = load_npz if path.suffix == NPZ_SUFFIX else load_csv
     try:
         with open_file(path, MAX_TABLE_BYTES) as file:
             table = load(path, file, layout)

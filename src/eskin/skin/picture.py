@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
+"""Ends of the names of pictures that can be drawn, in any case."""
+
 # Unrolled patches with their captions.
 COLOURS = (
     "#3b6fb6 #e08a2e #4a9b5c #c94f4f #8a63b8 #8c6a4f "
@@ -58,6 +61,15 @@ MAX_PIECES = 150
 """Largest number of small triangles along a robot."""
 
 
+def check_picture_format(path: Path) -> None:
+    """Raise a ValueError if the name of a file ends as no picture that can be drawn."""
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise ValueError(
+            f"{path} is no picture that can be drawn; allowed are "
+            f"{', '.join(PICTURE_SUFFIXES)}"
+        )
+
+
 def draw_skin(
     skin: Skin,
     path: str | Path,
@@ -75,23 +87,16 @@ def draw_skin(
         q: joint values [rad]; None for zero, clipped to the joint limits.
 
     Raises:
-        ValueError: The folder does not exist, or matplotlib does not know the format.
+        ValueError: The folder does not exist, or the format is unknown.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     path = Path(path)
+    check_picture_format(path)
     if not path.parent.is_dir():
         raise ValueError(f"no folder {path.parent} for {path.name}; make it first")
     height = 9.0 if robot is None or len(skin.patches) <= MAX_LABELS else 7.5
     figure = Figure(figsize=(15.0 if robot else 9.0, height), layout="constrained")
-    canvas = FigureCanvasAgg(figure)
-    formats = canvas.get_supported_filetypes()
-    if path.suffix.lstrip(".").lower() not in formats:
-        raise ValueError(
-            f"no picture format '{path.suffix}' for {path}; allowed: "
-            f"{', '.join('.' + name for name in sorted(formats))}"
-        )
     colours = [COLOURS[i % len(COLOURS)] for i in range(len(skin.patches))]
     if robot is None:
         draw_unrolled(figure.subplots(), skin, colours)

@@ -2,20 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import tyro
 
 from eskin.cli.checks import check_folder, check_writable
 from eskin.cli.guided import say
+from eskin.design.formats import FORMATS, ICUB_SUFFIX, SkinFormat
 from eskin.errors import RobotError, SkinError
 from eskin.robot import Robot, load_urdf
 from eskin.skin import SKIN_PRESETS, Skin, load_robot_for_skin, load_skin, save_skin
 from eskin.skin.files import MANIFEST
 from eskin.units import format_count
-
-Format = Literal["skin", "urdf", "icub", "gentact"]
-SUFFIXES: dict[str, Format] = {".urdf": "urdf", ".txt": "icub", ".csv": "gentact"}
 
 
 @dataclass(frozen=True)
@@ -32,7 +29,7 @@ class ConvertSkinCommand:
     out: tyro.conf.Positional[Path]
     """What to write."""
 
-    to: Format | None = None
+    to: SkinFormat | None = None
     """Format to write, where the path does not tell it, as for a folder of iCub files.
     """
 
@@ -50,7 +47,7 @@ class ConvertSkinCommand:
 
 def run(command: ConvertSkinCommand) -> dict[str, object]:
     """Read a skin, write it, and return its counts."""
-    wanted = command.to or SUFFIXES.get(command.out.suffix, "skin")
+    wanted = command.to or FORMATS.get(command.out.suffix, "skin")
     if wanted in ("skin", "icub"):
         check_folder(command.out)
     else:
@@ -89,7 +86,7 @@ def find_robot(command: ConvertSkinCommand) -> Robot | None:
     A URDF of tactile sensors alone describes no robot, which is said.
     """
     path = Path(command.source)
-    if command.robot_urdf is not None or SUFFIXES.get(path.suffix) != "urdf":
+    if command.robot_urdf is not None or FORMATS.get(path.suffix) != "urdf":
         return load_robot_for_skin(command.source, command.robot_urdf)
     try:
         return load_urdf(path, meshes=False)
@@ -112,8 +109,8 @@ def read_skin(command: ConvertSkinCommand, robot: Robot | None) -> Skin:
     name = command.name or path.stem
     if command.source in SKIN_PRESETS or (path / MANIFEST).exists():
         return load_skin(command.source)
-    files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
-    match SUFFIXES.get(files[0].suffix if files else "", "skin"):
+    files = sorted(path.glob(f"*{ICUB_SUFFIX}")) if path.is_dir() else [path]
+    match FORMATS.get(files[0].suffix if files else "", "skin"):
         case "urdf":
             return read_tactile_urdf(path, name)
         case "icub":

@@ -10,7 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from eskin.cli.checks import check_writable
+from eskin.cli.checks import check_picture
 from eskin.cli.guided import say
 from eskin.cli.options import ROBOT
 from eskin.robot import Robot
@@ -45,7 +45,7 @@ def run(command: ShowCommand) -> dict[str, object]:
         command.skin, command.robot_urdf, mimics=not command.no_mimics
     )
     if command.out is not None:
-        check_writable(command.out)
+        check_picture(command.out)
         say(robot.describe_lacking_meshes("drawn") if robot else "")
         draw_picture(skin, command.out, robot)
     patches = build_patch_rows(skin)

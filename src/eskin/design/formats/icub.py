@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from eskin.design.formats import ICUB_SUFFIX
 from eskin.design.formats.patch_taxels import (
     MAX_SIDE,
     PatchTaxels,
@@ -190,5 +191,5 @@ def write_icub_positions(folder: Path, skin: Skin) -> None:
         lines.append(f"taxel2Repr ( {'  '.join(map(str, own.tolist()))} )")
         lines.append("[calibration]")
         lines += map(format_numbers, table)
-        with atomic_path(folder / f"{patch.id}.txt") as part:
+        with atomic_path(folder / f"{patch.id}{ICUB_SUFFIX}") as part:
             part.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -9,6 +9,7 @@ from typing import Literal, cast
 import numpy as np
 
 from eskin.recording import NONE
+from eskin.recording.mcap_file import MCAP_SUFFIX
 from eskin.sim.constants import Constants
 from eskin.sim.dataset.sets import (
     NONE_KINDS,
@@ -179,7 +180,7 @@ def plan_sessions(
             others = people[:subject] + people[subject + 1 :]
             found.append(
                 SessionPlan(
-                    file=f"{part.folder}/{name}.mcap".lstrip("/"),
+                    file=f"{part.folder}/{name}{MCAP_SUFFIX}".lstrip("/"),
                     number=number,
                     first=first,
                     clips=clips,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from eskin.errors import GenerationError
 from eskin.files import atomic_path, read_file
+from eskin.recording import list_recordings
 from eskin.sim.constants import CONSTANTS_FILE, Constants, load_constants
 from eskin.sim.dataset.devices import fit_to_device, name_device
 from eskin.sim.dataset.index import INDEX_NAME
@@ -250,7 +251,7 @@ def claim_folder(folder: Path, settings: GenerationSettings) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if path.exists():
             check_same_settings(path, wanted)
-        elif (folder / INDEX_NAME).exists() or any(folder.rglob("*.mcap")):
+        elif (folder / INDEX_NAME).exists() or list_recordings(folder):
             raise GenerationError(
                 f"{folder} holds recordings but no {SETTINGS_NAME}, so they are not "
                 "from a generation; give a new folder"

@@ -34,6 +34,7 @@ from eskin.page.viewer import (
     describe_rules,
 )
 from eskin.recording import PARTLY_LABELLED, Metadata
+from eskin.recording.mcap_file import MCAP_SUFFIX
 from eskin.robot import Kinematics, load_robot
 from eskin.sim.demo.headless import DemoConfig, build_arm, is_on_arm
 from eskin.sim.demo.live_source import LiveSource, WaitingClock
@@ -82,7 +83,7 @@ class RecordButton(Listener):
         """
         with self.lock:
             if self.recorder is None:
-                name = time.strftime("touches-%Y%m%d-%H%M%S.mcap")
+                name = time.strftime("touches-%Y%m%d-%H%M%S") + MCAP_SUFFIX
                 recorder = Recorder(self.folder / name, self.metadata)
                 recorder.start(self.context)
                 self.recorder = recorder

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 
 from eskin.errors import GenerationError, ImportSourceError
 from eskin.recording import NONE
-from eskin.sets.conversion import find_files
+from eskin.sets.conversion import NPZ_SUFFIX, find_files
 from eskin.sets.socialtouch import (
     COLUMNS,
     FULL_SCALE,
@@ -148,7 +148,7 @@ def read_recorded_touches(
                 group = find_group(repetition.gesture)
                 found.append(RecordedTouch(gesture, group, len(found), repetition))
     if folder.is_dir():
-        for path in find_files(folder, "P[0-9]*", (".npz",)):
+        for path in find_files(folder, "P[0-9]*", (NPZ_SUFFIX,)):
             found += read_phone_touches(path, len(found))
     return tuple(found)
 
