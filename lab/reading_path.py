@@ -124,7 +124,7 @@ def receive(calibration: Path, profiler: Profiler) -> int:
     found = 0
     end = time.monotonic() + PATIENCE
     with eskin.open_source(f"udp://{ADDRESS}", config=config) as source:
-        mounted = eskin.MountedSkin(source.info.skin, source.info.load_robot())
+        mounted = source.info.mounted
         recognizer = eskin.Recognizer(model, mounted, source.info.calibration)
         for scan in source:
             found += len(recognizer.push(scan))

@@ -27,7 +27,7 @@ from eskin.command import (
 )
 from eskin.drivers import SourceInfo
 from eskin.errors import ArmError
-from eskin.skin import load_skin
+from eskin.skin import mount_skin
 from eskin.stream import Context
 from eskin.touch import Calibration
 from lab.ur_stand_in import StandIn
@@ -62,11 +62,10 @@ class Command:
 def main() -> None:
     """Measure and print."""
     command = tyro.cli(Command)
-    skin = load_skin("ur5")
     print("fault                     held p50  max   stands p50  max  [ms]")
     with StandIn(FAR.waypoints[0].q) as stand_in:
         with UrArm(UrLink(stand_in.host, 0, command.time_factor), FAR) as arm:
-            for name, (inject, remove) in faults(stand_in, arm, skin).items():
+            for name, (inject, remove) in faults(stand_in, arm).items():
                 rows = [
                     measure_fault(stand_in, arm, inject, remove)
                     for _ in range(command.times)
@@ -80,9 +79,7 @@ def main() -> None:
 
 
 def faults(
-    stand_in: StandIn,
-    arm: UrArm,
-    skin: Any,  # noqa: ANN401
+    stand_in: StandIn, arm: UrArm
 ) -> dict[str, tuple[Callable[[], Any], Callable[[], Any]]]:
     """List the functions that inject and remove each fault."""
 
@@ -101,18 +98,18 @@ def faults(
         "protective stop": (order("protective", True), order("protective", False)),
         "speed slider at zero": (order("slider", 0.0), order("slider", 1.0)),
         "stale skin": (
-            lambda: watching.append(watch(arm, skin)),
+            lambda: watching.append(watch(arm)),
             lambda: watching.pop().close(),
         ),
         "asked to hold": (lambda: arm.hold(ASKED), lambda: None),
     }
 
 
-def watch(arm: UrArm, skin: Any) -> Policy:  # noqa: ANN401
+def watch(arm: UrArm) -> Policy:
     """Start a policy that monitors a silent skin, which becomes stale."""
-    names = FRAME_TASK.joint_names
-    calibration = Calibration.uniform(skin.count, 4095, 100.0)
-    info = SourceInfo("sim:none", "ur5", names, skin, calibration, 50.0)
+    mounted = mount_skin("ur5")
+    calibration = Calibration.uniform(mounted.skin.count, 4095, 100.0)
+    info = SourceInfo("sim:none", mounted, calibration, 50.0)
     rules = CommandMap(commands=[Rule(gesture="poke", action="pause")])
     policy = Policy(arm, rules, ("none", "poke"), PolicyConfig(SkinMonitorConfig()))
     policy.start(Context(info, arm.clock, lambda item: None))

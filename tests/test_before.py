@@ -12,7 +12,6 @@ import pytest
 
 from eskin import (
     Calibration,
-    MountedSkin,
     Recognizer,
     SourceConfig,
     load_model,
@@ -54,7 +53,6 @@ def recognise(calibration=None):
     config = SourceConfig(calibration=calibration, pace=np.inf)
     with open_source(f"replay:{RECORDING}", config=config) as source:
         info = source.info
-        mounted = MountedSkin(info.skin, info.load_robot())
         loaded = load_model(MODEL)
         settings = {
             "threshold": 0.3,
@@ -63,7 +61,7 @@ def recognise(calibration=None):
             "least": 0,
         }
         decision = replace(loaded.card.decision, **settings)
-        recognizer = Recognizer(loaded, mounted, info.calibration, decision)
+        recognizer = Recognizer(loaded, info.mounted, info.calibration, decision)
         scans = list(source)
     found = [one for scan in scans for one in recognizer.push(scan)]
     return [describe(one, scans[0].stamp) for one in found + recognizer.finish()]

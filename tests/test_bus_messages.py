@@ -94,8 +94,7 @@ def publish(bus, stream):
     """Publish scans of the ur5 skin on a bus; return the states of the recognition."""
     own = mounted("ur5")
     source = played(stream)
-    joints = tuple(own.robot.joint_names)
-    source.info = replace(INFO, skin=own.skin, joint_names=joints, robot_name="ur5")
+    source.info = replace(INFO, mounted=own)
     recognizer = Recognizer(say_always("poke"), own, calibration_of(own.skin))
     recognition = Recognition(recognizer, drop="never")
     publisher = Publisher(bus, own, VOCABULARY, drop="never")

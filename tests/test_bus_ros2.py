@@ -62,7 +62,7 @@ def test_another_process_hears_every_reading_and_moves_the_joints(domain, stack)
     on = mounted()
     stream = scans(on, [Press(2.3, 2.7, 65, 65)], 50, 3.5)
     source = played(stream)
-    source.info = replace(INFO, skin=on.skin, joint_names=(), robot_name="table")
+    source.info = replace(INFO, mounted=on)
     recognizer = Recognizer(say_always("poke"), on, calibration_of(on.skin))
     environment = {"PATH": os.environ["PATH"]} | {
         name: os.environ[name] for name in ("CYCLONEDDS_URI", "ROS_DOMAIN_ID")
@@ -128,7 +128,7 @@ def test_joint_states_are_used_where_nothing_else_tells_the_joints(options, subs
 
 def test_joints_of_a_device_come_from_ros2_in_the_order_of_its_robot(domain, stack):
     command = RunCommand(("serial:/dev/ttyACM0",), skin="ur5", ros2=True)
-    joints = subscribe_joints(command, Ros2Node(), ManualClock())
+    joints = subscribe_joints(load_robot("ur5"), Ros2Node(), ManualClock())
     assert joints is not None
     stack.enter_context(joints)
     assert joints.robot.joint_names == load_robot("ur5").joint_names

@@ -16,7 +16,7 @@ from eskin.cli import calibrate
 from eskin.cli.guided import await_page, guide_person
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.recording import read_recording
-from eskin.skin import save_skin
+from eskin.skin import mount_skin, save_skin
 from eskin.skin.wiring import find_nearest_taxel
 from eskin.touch import Calibration, Scan
 from helpers.cli import assert_refused, call, call_json
@@ -296,7 +296,7 @@ def test_device_is_asked_for_presses_and_may_leave_a_patch_out(
         + [scan for taxel in places(0) for scan in press(taxel)]
         + rest(200)
     )
-    info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
+    info = SourceInfo("test:", mount_skin(SKIN, "table"), CALIBRATION, float(RATE))
     source = PlayedSource(info, make_scans(above), STEPPED, ManualClock())
     monkeypatch.setattr(eskin.app, "open_source", lambda *_, **__: source)
     save_skin(SKIN, tmp_path / "skin")
@@ -404,7 +404,7 @@ def test_press_that_goes_on_at_a_skip_or_a_repeat_is_not_used(action, counts):
 
 def test_guide_begins_once_a_browser_has_opened_the_page():
     scans = list(make_scans(rest(20)))
-    info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
+    info = SourceInfo("test:", mount_skin(SKIN, "table"), CALIBRATION, float(RATE))
     source = PlayedSource(info, iter(scans), STEPPED, ManualClock())
     page = RememberedPage(opened_at=5)
     given = await_page(source, page, is_live=True)

@@ -11,7 +11,7 @@ from eskin.cli import doctor
 from eskin.drivers import HostClock, SerialPortInfo, SourceInfo, UdpTransport
 from eskin.errors import ModelError
 from eskin.sim.virtual import parse_fault
-from eskin.skin import save_skin
+from eskin.skin import mount_skin, save_skin
 from helpers.cli import assert_refused, call, call_json
 from helpers.devices import calibration_of, playing, scans_of, small_skin, udp_skin
 from test_drivers_devices import Pad, matrix_skin
@@ -19,7 +19,7 @@ from test_drivers_devices import Pad, matrix_skin
 pytestmark = pytest.mark.slow
 
 SKIN = small_skin()
-SOURCE = SourceInfo("test:", "table", (), SKIN, calibration_of(SKIN), 50.0)
+SOURCE = SourceInfo("test:", mount_skin(SKIN, "table"), calibration_of(SKIN), 50.0)
 
 
 def test_doctor_passes_and_leaves_nothing_to_compile(capsys):

@@ -13,6 +13,7 @@ from eskin.cli.record import LabelWriter, record_attempts
 from eskin.cli.terminal import SkinPrinter, TerminalPrinter
 from eskin.drivers import Event, ManualClock, SourceInfo
 from eskin.recording.guided import RecordingGuide
+from eskin.skin import mount_skin
 from eskin.stream import Context, FaultReporter
 from eskin.touch import Fault
 from helpers.cli import call_json
@@ -130,7 +131,7 @@ def test_column_that_is_dead_from_the_start_is_told_once(
 def test_stream_and_scans_have_one_form_of_line(capsys):
     fault = Fault("column", "p0", None, 5, None, 0)
     [event] = FaultReporter(SKIN).report_faults(7_000_000_000, [fault])
-    info = SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE))
+    info = SourceInfo("test:", mount_skin(SKIN, "table"), CALIBRATION, float(RATE))
     stream = TerminalPrinter()
     stream.start(Context(info, ManualClock(0), lambda _: None))
     stream.on_message(event)

@@ -33,9 +33,8 @@ from eskin.live import Recognizer
 from eskin.page import QuestionBoard
 from eskin.page.viewer import Viewer
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
-from eskin.robot import load_robot
 from eskin.sim.interactive import InteractiveSkin, LinkPoint
-from eskin.skin import load_skin, save_skin
+from eskin.skin import mount_skin, save_skin
 from eskin.stream import Recognition
 from eskin.touch import Calibration
 from helpers.cli import call, call_json
@@ -339,13 +338,12 @@ def policy_of(tmp_path):
     """Build the policy of a simulated UR5 for a model, a command map and a robot."""
 
     def policy_of(gestures=("none", "poke"), commands=None, urdf="ur5"):
-        info = SimpleNamespace(skin=load_skin("ur5"), load_robot=load_robot)
+        mounted = mount_skin("ur5", urdf)
+        info = SimpleNamespace(skin=mounted.skin, mounted=mounted)
         model = SimpleNamespace(card=SimpleNamespace(vocabulary=gestures))
         path = tmp_path / "map.yaml"
         path.write_text(commands or PAUSING)
-        command = RunCommand(
-            ("replay:a",), commands=commands and path, robot_urdf=str(urdf)
-        )
+        command = RunCommand(("replay:a",), commands=commands and path)
         arm = SimulatedArm(clock=ManualClock())
         return build_policy(command, arm, model, SimpleNamespace(info=info))
 

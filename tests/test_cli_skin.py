@@ -13,8 +13,7 @@ from eskin.cli.guided import guide_person
 from eskin.cli.main import run
 from eskin.design.commands.check import WiringDialogue
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
-from eskin.robot import load_robot
-from eskin.skin import save_skin
+from eskin.skin import mount_skin, save_skin
 from eskin.skin.wiring import choose_press_targets
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -52,7 +51,7 @@ def make_scans(respond=int):
 
 
 def play(scans, robot="table"):
-    info = SourceInfo("test:", robot, (), SKIN, CALIBRATION, RATE)
+    info = SourceInfo("test:", mount_skin(SKIN, robot), CALIBRATION, RATE)
     return PlayedSource(info, scans, STEPPED, ManualClock())
 
 
@@ -63,7 +62,7 @@ def check(tmp_path, monkeypatch, capsys):
 
     def check(respond=int, robot="table", length=None):
         scans = islice(make_scans(respond), length)
-        source = play(scans, load_robot(robot).name)
+        source = play(scans, robot)
         monkeypatch.setattr(eskin.app, "open_source", lambda *_, **__: source)
         arguments = ["--robot-urdf", str(robot), "--live", "--source", "udp://a:1"]
         code = run(["skin", "check", str(tmp_path), *arguments])

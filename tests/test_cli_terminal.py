@@ -9,6 +9,7 @@ import pytest
 from eskin.cli.terminal import TerminalPrinter, describe_where
 from eskin.drivers import Event, ManualClock, SourceInfo
 from eskin.live import Detection
+from eskin.skin import mount_skin
 from eskin.stream import CommandEvent, Context
 from eskin.touch import Scan
 from eskin.units import format_count
@@ -19,7 +20,7 @@ MS = 1_000_000
 SKIN = build_grid_skin(2, 2)
 ZERO = np.zeros(3)
 DETECTION = Detection(0, 1, "tap", 0.9, 0, 0, "p0", "p0", ZERO, ZERO, ZERO, 1.0)
-INFO = SourceInfo("test:", "table", (), SKIN, calibration_of(SKIN), 50.0)
+INFO = SourceInfo("test:", mount_skin(SKIN, "table"), calibration_of(SKIN), 50.0)
 
 
 def print_events(capsys, events, closes=True):

@@ -147,8 +147,8 @@ def test_device_that_sends_no_byte_is_waited_for_no_longer_than_said():
 @pytest.fixture
 def recording(tmp_path):
     path = tmp_path / "a.mcap"
-    arguments = INFO.robot_name, INFO.skin, INFO.calibration, METADATA, JOINTS
-    with RecordingWriter(path, *arguments) as writer:
+    header = (INFO.robot_name, INFO.skin, INFO.calibration, METADATA, JOINTS)
+    with RecordingWriter(path, *header, INFO.mounted.robot.urdf) as writer:
         write_all(writer, SCANS, ())
     return path
 
@@ -248,7 +248,7 @@ def test_source_of_no_scans_has_ended():
 def test_recording_is_replayed_with_its_own_skin_and_joints(recording):
     with replay_source(recording, STEPPED, HostClock()) as source:
         info = source.info
-        assert (info.robot_name, info.joint_names) == ("ur5", JOINTS)
+        assert (info.robot_name, info.joint_names) == ("elbow", JOINTS)
         assert info.skin.count == INFO.skin.count
         assert info.calibration.to_bytes() == INFO.calibration.to_bytes()
         assert info.rate == pytest.approx(50.0)

@@ -124,7 +124,7 @@ def test_real_touches_refuses_missing_data_in_one_line(content, tmp_path, run_ex
 def test_ros2_subscriber_prints_the_detections_of_a_running_stream(domain):
     on = mounted()
     source = played(scans(on, [Press(2.3, 2.7, 65, 65)], 50, 3.5))
-    source.info = replace(INFO, skin=on.skin, joint_names=(), robot_name="table")
+    source.info = replace(INFO, mounted=on)
     recognizer = Recognizer(say_always("poke"), on, calibration_of(on.skin))
     bus = Ros2Bus(Ros2Node())
     publisher = Publisher(bus, on, VOCABULARY, drop="never")

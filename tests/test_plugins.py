@@ -227,7 +227,7 @@ class Played(Source):
         self.closed = False
         mounted = mounted_small()
         calibration = calibration_of(mounted.skin)
-        self.info = SourceInfo.build("played:", mounted, calibration, 50.0)
+        self.info = SourceInfo("played:", mounted, calibration, 50.0)
         self.counts = np.full(mounted.skin.count, 7, np.int32)
 
     def read(self, timeout=None):

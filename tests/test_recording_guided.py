@@ -26,7 +26,7 @@ from eskin.recording.guided import (
     review_attempts,
 )
 from eskin.robot import load_robot
-from eskin.skin import MountedSkin
+from eskin.skin import MountedSkin, mount_skin
 from eskin.touch import Calibration, Scan
 from eskin.touch.records import TouchConfig
 from helpers.cli import assert_refused, call_json
@@ -300,7 +300,7 @@ def test_attempt_is_written_once_where_the_next_one_is_dropped(monkeypatch, tmp_
             yield scan
 
     source = PlayedSource(
-        SourceInfo("test:", "table", (), SKIN, CALIBRATION, float(RATE)),
+        SourceInfo("test:", mount_skin(SKIN, "table"), CALIBRATION, float(RATE)),
         type_again(),
         STEPPED,
         ManualClock(),

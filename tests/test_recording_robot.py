@@ -1,6 +1,7 @@
 """Tests of the robot of a recording: its URDF travels with it, and no other file."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from eskin.recording import (
     rewrite_recording,
     write_all,
 )
+from eskin.robot.urdf import parse_urdf
 from helpers.learning import record
 
 URDF = b"""<robot name="panel">
@@ -27,6 +29,11 @@ URDF = b"""<robot name="panel">
   </joint>
   <link name="world"/>
 </robot>"""
+
+
+def give(urdf):
+    """Return overrides that give the robot of a URDF."""
+    return Overrides(robot=parse_urdf(urdf, Path("given.urdf")))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +84,7 @@ def test_recording_without_its_urdf_needs_one(path, tmp_path):
     write_panel(older, read_recording(path), b"")
     with pytest.raises(RobotError, match="'panel'.*allowed.*ur5.*--robot-urdf"):
         prepare([older])
-    overrides = Overrides(urdf=URDF)
+    overrides = give(URDF)
     assert read_recording(older, overrides).load_robot().joint_names == ("turn",)
     assert len(prepare([older], overrides=overrides).stamps) > 20
 
@@ -102,14 +109,14 @@ def test_positions_of_a_recording_go_to_the_joints_of_their_names(path, tmp_path
     with RecordingWriter(both, *header) as writer:
         write_all(writer, scans, ())
     for given, q in ((add_joint("grip", b"<joint"), [0.1, 0.5]), (URDF, [0.5])):
-        recording = read_recording(both, Overrides(urdf=given))
+        recording = read_recording(both, give(given))
         assert recording.joint_names == recording.load_robot().joint_names
         np.testing.assert_array_equal(next(recording.scans()).q, q)
 
 
 def test_robot_with_joints_that_were_not_recorded_is_refused_at_once(path):
     with pytest.raises(SkinMismatchError, match="joints turn, .* also grip; allowed"):
-        read_recording(path, Overrides(urdf=add_joint("grip")))
+        read_recording(path, give(add_joint("grip")))
 
 
 def test_recorded_urdf_that_cannot_be_used_is_named(path, tmp_path):
@@ -120,7 +127,7 @@ def test_recorded_urdf_that_cannot_be_used_is_named(path, tmp_path):
 
 
 def test_prepared_recording_depends_on_the_robot_that_is_given(path, tmp_path):
-    turned = Overrides(urdf=URDF.replace(b"0 0 1", b"0 1 0"))
-    for overrides in (Overrides(), turned, Overrides(urdf=URDF)):
+    turned = give(URDF.replace(b"0 0 1", b"0 1 0"))
+    for overrides in (Overrides(), turned, give(URDF)):
         prepare([path], pack=tmp_path, overrides=overrides)
     assert len(list(tmp_path.glob("*.npz"))) == 3

@@ -19,9 +19,7 @@ def build_recognizer(on):
 def run_recognition(on, stream, *listeners):
     """Recognise a stream of scans; return the listener that did."""
     source = played(stream)
-    source.info = replace(
-        INFO, skin=on.skin, joint_names=tuple(on.robot.joint_names), robot_name="table"
-    )
+    source.info = replace(INFO, mounted=on)
     recognition = Recognition(build_recognizer(on), drop="never")
     with Stream(source, [recognition, *listeners]) as running:
         running.wait()

@@ -88,7 +88,8 @@ def test_recording_has_every_scan_and_all_metadata(path):
     recording = read_recording(path)
     assert same_scans(list(recording.scans()), SCANS) and not recording.truncated
     assert recording.metadata == METADATA
-    assert (recording.robot_name, recording.joint_names) == ("ur5", INFO.joint_names)
+    assert (recording.robot_name, recording.joint_names) == ("elbow", INFO.joint_names)
+    assert recording.load_robot().urdf == INFO.mounted.robot.urdf
     assert recording.calibration.to_bytes() == INFO.calibration.to_bytes()
     assert names(path.parent) == [path.name]
 

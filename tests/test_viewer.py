@@ -399,10 +399,8 @@ def test_busy_computer_is_not_taken_for_a_silent_skin():
 
 
 def make_source(scans):
-    robot = mounted().robot
-    skin = mounted().skin
-    calibration = calibration_of(skin)
-    info = SourceInfo("sim:test", "ur5", robot.joint_names, skin, calibration, 50.0)
+    calibration = calibration_of(mounted().skin)
+    info = SourceInfo("sim:test", mounted(), calibration, 50.0)
     return PlayedSource(info, scans, STEPPED, ManualClock())
 
 

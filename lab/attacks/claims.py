@@ -163,7 +163,7 @@ def poke(
     commands = load_commands(None, vocabulary, skin)
     policy = Policy(arm, commands, vocabulary, PolicyConfig(check_period=None))
     recognition = Recognition(recognizer)
-    info = SourceInfo("claim:", "table", (), skin, calibration, RATE)
+    info = SourceInfo("claim:", MOUNTED, calibration, RATE)
 
     def publish(message: Message) -> None:
         if isinstance(message, policy.message_types):

@@ -183,14 +183,9 @@ class Stage:
         self.commands = load_commands(
             setup.map, self.words, self.mounted.skin, simulated=True
         )
-        self.info = SourceInfo(
-            uri="sim:events",
-            robot_name=self.skin.wearer.name,
-            joint_names=self.mounted.robot.joint_names,
-            skin=self.mounted.skin,
-            calibration=self.skin.calibration,
-            rate=1.0 / self.skin.period,
-        )
+        calibration = self.skin.calibration
+        rate = 1.0 / self.skin.period
+        self.info = SourceInfo("sim:events", self.mounted, calibration, rate)
 
     def build_policy(self, arm: Arm) -> Policy:
         """Build the policy of an arm."""

@@ -221,7 +221,7 @@ class PlayedLine:
         self.assembler = Assembler(skin, FixedJoints(Q), self.log)
         self.assembler.start(START, rate)
         calibration = Calibration.uniform(skin.count, 4095, 100.0)
-        info = SourceInfo("played:", "table", (), skin, calibration, rate)
+        info = SourceInfo("played:", self.mounted, calibration, rate)
         self.arm = HeldArm(self.clock)
         self.policy = Policy(
             self.arm,

@@ -12,7 +12,7 @@ import numpy as np
 from eskin.drivers import PlayedSource, SourceInfo
 from eskin.recording import Metadata
 from eskin.robot import load_robot
-from eskin.skin import load_skin
+from eskin.skin import MountedSkin, load_skin
 from eskin.stream import Context, Listener, Message, Recorder, Stream
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -45,9 +45,8 @@ def idle_source() -> PlayedSource:
     skin = load_skin("ur5")
     robot = load_robot("ur5")
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
-    names = tuple(robot.joint_names)
-    info = SourceInfo("sim:ur5", "ur5", names, skin, calibration, RATE)
-    played = idle_scans(skin.count, len(names))
+    info = SourceInfo("sim:ur5", MountedSkin(skin, robot), calibration, RATE)
+    played = idle_scans(skin.count, len(robot.joint_names))
     return PlayedSource(info, played, restamp=True)
 
 

@@ -40,8 +40,8 @@ from eskin.registry import (
     list_forms,
     load_plugin,
 )
-from eskin.robot import Robot, load_robot
-from eskin.skin import MountedSkin, Skin, mount_skin
+from eskin.robot import Robot
+from eskin.skin import MountedSkin, Skin, load_robot_for_skin, mount_skin
 from eskin.touch import Calibration
 
 NOMINAL_CALIBRATION = "nominal_calibration.json"
@@ -63,7 +63,8 @@ class SourceConfig:
     """Skin that devices are patches of: a preset's name, a folder, or a skin."""
 
     robot: str | Path | Robot | None = None
-    """Robot that wears the skin: a preset's name or a URDF; None for the skin's own."""
+    """Robot that wears the skin: a preset's name, a URDF or a robot; None for the
+    skin's own, or that of the recording that is played."""
 
     calibration: Path | Calibration | None = None
     """Calibration of its electronics; else that of the recording that is played, or
@@ -187,12 +188,9 @@ def find_address(uri: str) -> str:
 def open_recording(uris: Sequence[str], config: SourceConfig, clock: Clock) -> Source:
     """Open a recording as a source that plays it."""
     calibration = config.calibration
-    robot = config.robot
     if isinstance(calibration, Path):
         calibration = read_calibration(calibration)
-    if isinstance(robot, str | Path):
-        robot = load_robot(robot)
-    overrides = Overrides(calibration, robot and robot.urdf)
+    overrides = Overrides(calibration, load_robot_for_skin(None, config.robot))
     path = uris[0].partition(":")[2]
     return replay_source(path, config.pace, clock, True, overrides)
 

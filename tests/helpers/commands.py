@@ -45,9 +45,7 @@ MOUNTED = MountedSkin(SKIN, load_robot("ur5"))
 Q = np.zeros(6)
 INFO = SourceInfo(
     uri="sim:test",
-    robot_name="ur5",
-    joint_names=MOUNTED.robot.joint_names,
-    skin=SKIN,
+    mounted=MOUNTED,
     calibration=Calibration.uniform(SKIN.count, 4095, 100.0),
     rate=50.0,
 )

@@ -1,12 +1,14 @@
 """Short streams on a small skin, and a listener that keeps what it gets."""
 
 import threading
+from pathlib import Path
 
 import numpy as np
 
 from eskin.drivers import STEPPED, ManualClock, PlayedSource, SourceInfo
 from eskin.recording import Metadata
-from eskin.skin import build_grid_skin
+from eskin.robot.urdf import parse_urdf
+from eskin.skin import MountedSkin, build_grid_skin
 from eskin.stream import Listener
 from eskin.touch import Calibration, Scan
 
@@ -14,12 +16,20 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 SKIN = build_grid_skin(3, 4, name="square")
 JOINTS = ("shoulder", "elbow")
+URDF = b"""<robot name="elbow">
+  <link name="base"/><link name="upper"/><link name="table"/>
+  <joint name="shoulder" type="continuous">
+    <parent link="base"/><child link="upper"/>
+  </joint>
+  <joint name="elbow" type="continuous">
+    <parent link="upper"/><child link="table"/>
+  </joint>
+</robot>"""
+"""URDF of a robot with these joints, whose last link wears the skin."""
 METADATA = Metadata("set", "P1", "morning")
 INFO = SourceInfo(
     uri="sim:test",
-    robot_name="ur5",
-    joint_names=JOINTS,
-    skin=SKIN,
+    mounted=MountedSkin(SKIN, parse_urdf(URDF, Path("elbow.urdf"))),
     calibration=Calibration.uniform(SKIN.count, 4095, 100.0),
     rate=50.0,
 )

@@ -8,7 +8,7 @@ import numpy as np
 from lerobot.cameras.camera import Camera
 
 from eskin.app import SourceConfig, open_source
-from eskin.skin import MountedSkin, Skin
+from eskin.skin import Skin
 from eskin.touch import TouchPipeline
 from lerobot_camera_eskin.config_eskin import EskinCameraConfig
 
@@ -58,8 +58,7 @@ class EskinCamera(Camera):
         """Open the source, and wait for its first image."""
         given = SourceConfig(skin=self.config.skin, robot=self.config.robot_urdf)
         self.source = source = open_source(self.config.source, config=given)
-        mounted = MountedSkin(source.info.skin, source.info.load_robot())
-        self.pipeline = TouchPipeline(mounted, source.info.calibration)
+        self.pipeline = TouchPipeline(source.info.mounted, source.info.calibration)
         self.pixels = place_pixels(source.info.skin)
         self.height, self.width = self.pixels[2:]
         self.fps = self.fps or round(source.info.rate)

@@ -192,11 +192,11 @@ def load_overrides(calibration: Path | None, robot_urdf: str | None) -> "Overrid
         EskinError: if it is no calibration file, or no robot.
     """
     from eskin.recording import Overrides, read_calibration
-    from eskin.robot import load_robot
+    from eskin.skin import load_robot_for_skin
 
     return Overrides(
         None if calibration is None else read_calibration(calibration),
-        None if robot_urdf is None else load_robot(robot_urdf).urdf,
+        load_robot_for_skin(None, robot_urdf),
     )
 
 

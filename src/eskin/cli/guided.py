@@ -260,7 +260,7 @@ def open_guided_source(
         DeviceError: the source is neither.
     """
     from eskin.app import open_joints, open_source
-    from eskin.skin import MountedSkin, mount_skin
+    from eskin.skin import mount_skin
     from eskin.touch import warm_up_touches
 
     driver = check_source(command)
@@ -288,13 +288,12 @@ def open_guided_source(
             config = replace(config, joints=stack.enter_context(joints))
     source = stack.enter_context(open_source(*command.source, config=config))
     info = source.info
-    mounted = MountedSkin(info.skin, info.load_robot(command.robot_urdf))
     if command.skin is None:
-        warm_up_touches(mounted)
+        warm_up_touches(info.mounted)
     taxels = format_count(info.skin.count, "taxel")
     say(f"{info.uri}: skin '{info.skin.name}', {taxels}")
     say(info.describe_rate())
-    return source, mounted
+    return source, info.mounted
 
 
 def check_source(command: SourceCommand) -> "Driver":

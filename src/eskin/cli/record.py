@@ -91,7 +91,7 @@ def run(command: RecordCommand) -> dict[str, object]:
                 info.calibration,
                 Metadata("recorded", command.person, command.session),
                 info.joint_names,
-                info.urdf,
+                info.mounted.robot.urdf,
             )
         )
         labels = LabelWriter(writer)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from eskin.drivers.joints import JointFunction
     from eskin.live import Model
     from eskin.registry import Driver
+    from eskin.robot import Robot
     from eskin.stream import Listener, Recognition, Stream
     from eskin.stream.listener import Drop
     from eskin.touch import Calibration
@@ -123,7 +124,7 @@ def run(command: RunCommand) -> dict[str, object]:
     from eskin.app import open_joints, open_source
     from eskin.drivers import HostClock
     from eskin.live import Recognizer, load_model, warm_up
-    from eskin.skin import MountedSkin, mount_skin
+    from eskin.skin import mount_skin
     from eskin.stream import (
         Recognition,
         Stream,
@@ -142,6 +143,7 @@ def run(command: RunCommand) -> dict[str, object]:
     )
     with ExitStack() as stack:
         # Devices send at any time, so code is compiled before they are opened.
+        mounted = None
         if command.skin is not None:
             mounted = mount_skin(command.skin, command.robot_urdf)
             warm_up(Recognizer(model, mounted, None))
@@ -156,16 +158,15 @@ def run(command: RunCommand) -> dict[str, object]:
         node = open_ros2_node(command)
         if node is not None:
             stack.enter_context(node)
-            if is_without_joints(command):
-                joints = subscribe_joints(command, node, clock)
+            # Without a skin, the source will be refused.
+            if mounted is not None and is_without_joints(command):
+                joints = subscribe_joints(mounted.robot, node, clock)
                 if joints is not None:
                     config = replace(config, joints=stack.enter_context(joints))
         source = open_source(*command.source, config=config, clock=clock)
         stack.enter_context(source)
         info = source.info
-        robot = info.load_robot(command.robot_urdf)
-        mounted = MountedSkin(info.skin, robot)
-        recognizer = Recognizer(model, mounted, info.calibration)
+        recognizer = Recognizer(model, info.mounted, info.calibration)
         if command.skin is None:
             warm_up(recognizer)
         gc.freeze()
@@ -378,7 +379,7 @@ def build_policy(
 
     skin = source.info.skin
     vocabulary = model.card.vocabulary
-    ArmJoints(arm, source.info.load_robot(command.robot_urdf))
+    ArmJoints(arm, source.info.mounted.robot)
     commands = load_commands(
         command.commands,
         vocabulary,
@@ -473,19 +474,17 @@ def is_without_joints(command: RunCommand) -> bool:
 
 
 def subscribe_joints(
-    command: RunCommand, node: "Ros2Node", clock: "Clock"
+    robot: "Robot", node: "Ros2Node", clock: "Clock"
 ) -> "Ros2Joints | None":
-    """Subscribe to the joint positions of the robot that the skin is mounted on.
+    """Subscribe to the joint positions of a robot; return None for one without joints.
 
-    It returns None for a robot without joints, and where the source will be refused
-    for want of a skin.
+    Args:
+        robot: robot that wears the skin.
+        node: node that subscribes.
+        clock: clock that stamps the positions.
     """
     from eskin.bus.ros2 import Ros2Joints
-    from eskin.skin import mount_skin
 
-    if command.skin is None:
-        return None
-    robot = mount_skin(command.skin, command.robot_urdf).robot
     return Ros2Joints(node, robot, clock) if robot.joint_names else None
 
 

@@ -102,7 +102,7 @@ class DeviceSource(Source):
         if rate is None:
             rate = DEFAULT_RATE
         self.assembler.start(clock.now(), rate, grace)
-        self.info = SourceInfo.build(uri, mounted, calibration, rate, is_assumed)
+        self.info = SourceInfo(uri, mounted, calibration, rate, is_assumed)
 
     def receive_packets(self, timeout: float) -> None:
         """Take the packets that arrive within a time [s], before scans are due."""

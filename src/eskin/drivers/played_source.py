@@ -11,6 +11,7 @@ from eskin.drivers.events import Event, EventLog
 from eskin.drivers.source import Source, SourceInfo
 from eskin.recording import NO_OVERRIDES, Overrides, read_recording
 from eskin.recording.records import compute_skipped
+from eskin.skin import MountedSkin
 from eskin.touch import Scan
 from eskin.units import NS_PER_S, format_duration
 
@@ -192,16 +193,14 @@ def replay_source(
 
     Raises:
         RecordingError: there is no such file, or nothing in it can be used.
-        SkinMismatchError: the calibration is not of its skin.
+        RobotError: its robot is not known, or cannot be used.
+        SkinMismatchError: the calibration is not of its skin, or the robot lacks its
+            links or has joints that were not recorded.
     """
     recording = read_recording(path, overrides)
-    info = SourceInfo(
-        uri=f"replay:{path}",
-        robot_name=recording.robot_name,
-        joint_names=recording.joint_names,
-        skin=recording.skin,
-        calibration=recording.calibration,
-        rate=NS_PER_S / recording.period if recording.period else 0.0,
-        urdf=recording.urdf,
-    )
+    robot = recording.load_robot()
+    recording = recording.with_robot(robot)
+    mounted = MountedSkin(recording.skin, robot)
+    rate = NS_PER_S / recording.period if recording.period else 0.0
+    info = SourceInfo(f"replay:{path}", mounted, recording.calibration, rate)
     return PlayedSource(info, recording.scans(), pace, clock, restamp)

@@ -205,7 +205,7 @@ class SampledSource(Source):
         self.period = round(NS_PER_S / rate)
         self.silence = max(SILENT_PERIODS * self.period, MAX_HELD)
         self.due = clock.now() + self.silence
-        self.info = SourceInfo.build(uri, mounted, calibration, rate)
+        self.info = SourceInfo(uri, mounted, calibration, rate)
 
     def measure_rate(self) -> float:
         """Return the highest rate of a patch, by its samples [1/s].

@@ -9,7 +9,6 @@ from eskin.drivers.clock import Clock
 from eskin.drivers.events import Event
 from eskin.errors import DeviceError
 from eskin.progress import Closing
-from eskin.robot import Robot, load_recorded_robot
 from eskin.skin import MountedSkin, Skin
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -27,20 +26,29 @@ class SourceInfo:
 
     uri: str
     """URI that the source was opened with."""
-    robot_name: str
-    """Name of the robot that carries the skin."""
-    joint_names: tuple[str, ...]
-    """Joint names in the order of `Scan.q`."""
-    skin: Skin
-    """Skin whose taxels are scanned."""
+    mounted: MountedSkin
+    """Skin whose taxels are scanned, on its robot, whose joints `Scan.q` has."""
     calibration: Calibration
     """Calibration of that skin."""
     rate: float
     """Nominal scan rate [1/s]."""
-    urdf: bytes = b""
-    """URDF of the robot; empty for a preset."""
     is_rate_assumed: bool = False
     """Whether nothing has told the rate, neither the device nor the user."""
+
+    @property
+    def skin(self) -> Skin:
+        """Return the skin whose taxels are scanned."""
+        return self.mounted.skin
+
+    @property
+    def robot_name(self) -> str:
+        """Return the name of the robot that wears the skin."""
+        return self.mounted.robot.name
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Return the joint names in the order of `Scan.q`."""
+        return self.mounted.robot.joint_names
 
     def describe_rate(self) -> str:
         """Describe a rate that is assumed or too low for an arm, with remedies.
@@ -59,46 +67,6 @@ class SourceInfo:
             "needs: raise the baud rate on both sides (--baud), or send packets "
             "(firmware/eskin_patch.h), which are half as long as lines"
         )
-
-    @classmethod
-    def build(
-        cls,
-        uri: str,
-        mounted: MountedSkin,
-        calibration: Calibration,
-        rate: float,
-        is_rate_assumed: bool = False,
-    ) -> "SourceInfo":
-        """Build the description of a source of scans of a skin on its robot.
-
-        Args:
-            uri: URI that the source was opened with.
-            mounted: the skin on its robot.
-            calibration: calibration of that skin.
-            rate: nominal scan rate [1/s].
-            is_rate_assumed: whether nothing has told the rate.
-        """
-        return cls(
-            uri=uri,
-            robot_name=mounted.robot.name,
-            joint_names=mounted.robot.joint_names,
-            skin=mounted.skin,
-            calibration=calibration,
-            rate=rate,
-            urdf=mounted.robot.urdf,
-            is_rate_assumed=is_rate_assumed,
-        )
-
-    def load_robot(self, urdf: str | None = None) -> Robot:
-        """Load the robot that carries the skin.
-
-        Args:
-            urdf: robot to load instead: the name of a preset or a URDF file.
-
-        Raises:
-            RobotError: It is no preset and its URDF is not known, or cannot be used.
-        """
-        return load_recorded_robot(self.robot_name, self.urdf, urdf)
 
 
 class Source(Closing):

@@ -54,8 +54,14 @@ from eskin.recording.records import (
     find_gap_limit,
     sort_labels,
 )
-from eskin.robot import Robot, load_recorded_robot
-from eskin.skin import Skin, skin_from_bytes
+from eskin.robot import Robot
+from eskin.skin import (
+    KeptRobot,
+    Skin,
+    load_robot_for_skin,
+    require_robot,
+    skin_from_bytes,
+)
 from eskin.skin.files import ROBOT_URDF
 from eskin.touch import MAX_CALIBRATION_BYTES, Calibration, Scan
 from eskin.units import NS_PER_S, format_count, format_duration
@@ -169,6 +175,9 @@ class Recording:
     """Median time between scans [ns]; 0 with fewer than two."""
     gaps: tuple[Gap, ...] = ()
     """Times without scans that are longer than `find_gap_limit`, in order."""
+    given_robot: Robot | None = None
+    """Robot that was given in place of the recorded one; `robot_name`, `urdf` and
+    `joint_names` are its own then."""
 
     def __repr__(self) -> str:
         """Describe the recording in a line."""
@@ -213,9 +222,34 @@ class Recording:
         """Load the robot that the skin is mounted on.
 
         Raises:
-            RobotError: the recording is not of a preset and lacks the URDF.
+            RobotError: the recording is not of a preset and lacks the URDF, or the URDF
+                cannot be used.
         """
-        return load_recorded_robot(self.robot_name, self.urdf)
+        place = f"{self.path}, URDF of the recorded robot {self.robot_name!r:.40}"
+        kept = KeptRobot(self.robot_name, self.urdf, place)
+        robot = load_robot_for_skin(kept, self.given_robot)
+        told = f"{self.path} is of robot {self.robot_name!r:.40} and lacks its URDF"
+        return require_robot(robot, told)
+
+    def with_robot(self, robot: Robot) -> "Recording":
+        """Return the recording on another robot, with the positions of its joints.
+
+        Raises:
+            SkinMismatchError: positions of joints of the robot were not recorded.
+        """
+        if missing := set(robot.joint_names) - set(self.joint_names):
+            raise SkinMismatchError(
+                f"{self.path} has joints {', '.join(self.joint_names) or 'none'}, and "
+                f"robot '{robot.name}' also {', '.join(sorted(missing))}; allowed are "
+                "those that were recorded; give the robot of the recording"
+            )
+        return replace(
+            self,
+            robot_name=robot.name,
+            urdf=robot.urdf,
+            joint_names=robot.joint_names,
+            given_robot=robot,
+        )
 
     def scans(self) -> Iterator[Scan]:
         """Read all scans from disk, up to the last whole chunk."""
@@ -301,8 +335,8 @@ class Overrides:
 
     calibration: Calibration | None = None
     """Calibration of the skin; None for the recorded one."""
-    urdf: bytes | None = None
-    """URDF of the robot; None for the recorded one."""
+    robot: Robot | None = None
+    """Robot that wears the skin; None for the recorded one."""
 
     @property
     def digest(self) -> str:
@@ -310,8 +344,8 @@ class Overrides:
         parts = {}
         if self.calibration is not None:
             parts["calibration"] = self.calibration.to_bytes()
-        if self.urdf is not None:
-            parts["urdf"] = self.urdf
+        if self.robot is not None:
+            parts["urdf"] = self.robot.urdf
         return " ".join(
             f"{name} {hashlib.sha256(part).hexdigest()}" for name, part in parts.items()
         )
@@ -354,9 +388,8 @@ def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Rec
 
     Raises:
         RecordingError: there is no such file, or nothing in it can be used.
-        RobotError: the URDF cannot be used.
         SkinMismatchError: the calibration is not of the recorded skin, or positions of
-            joints of the URDF were not recorded.
+            joints of the robot that is given were not recorded.
     """
     path = Path(path)
     if not path.exists():
@@ -371,16 +404,8 @@ def read_recording(path: Path | str, overrides: Overrides = NO_OVERRIDES) -> Rec
     for item in stream:
         parser.add_item(item)
     recording = parser.build_recording(stream.truncated)
-    if overrides.urdf is not None:
-        recording = replace(recording, urdf=overrides.urdf)
-        joints = recording.load_robot().joint_names
-        if missing := set(joints) - set(recording.joint_names):
-            raise SkinMismatchError(
-                f"{path} has joints {', '.join(recording.joint_names) or 'none'}, and "
-                f"the robot that is given also {', '.join(sorted(missing))}; allowed "
-                "are those that were recorded; give the robot of the recording"
-            )
-        recording = replace(recording, joint_names=joints)
+    if overrides.robot is not None:
+        recording = recording.with_robot(overrides.robot)
     calibration = overrides.calibration
     if calibration is None:
         return recording

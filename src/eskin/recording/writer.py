@@ -49,8 +49,13 @@ from eskin.recording.records import (
     describe_rate,
     sort_labels,
 )
-from eskin.robot import load_recorded_robot
-from eskin.skin import Skin, skin_to_bytes
+from eskin.skin import (
+    KeptRobot,
+    Skin,
+    load_robot_for_skin,
+    require_robot,
+    skin_to_bytes,
+)
 from eskin.skin.files import ROBOT_URDF
 from eskin.touch import Calibration, Scan
 from eskin.units import NS_PER_S
@@ -98,13 +103,17 @@ class RecordingWriter:
         Raises:
             RecordingError: a recording of that name exists, whole or `.part`, or none
                 can be written there.
+            RobotError: joint names are not given, and the robot's are not known.
         """
         self.path = Path(path)
         self.part = name_part(self.path)
         check_new_recording(self.path)
         self.skin = skin
         if joint_names is None:
-            joint_names = load_recorded_robot(robot_name, urdf).joint_names
+            kept = KeptRobot(robot_name, urdf, f"URDF of robot {robot_name!r:.40}")
+            told = f"robot {robot_name!r:.40} is given without its URDF"
+            robot = require_robot(load_robot_for_skin(kept), told)
+            joint_names = robot.joint_names
         self.joint_names = tuple(joint_names)
         self.first_stamp: int | None = None
         self.last_stamp: int | None = None

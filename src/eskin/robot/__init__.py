@@ -1,7 +1,7 @@
 """Robots hold links, joints and shapes; kinematics place the links for a given `q`."""
 
 from eskin.robot.kinematics import DampedLeastSquaresIK, Kinematics
-from eskin.robot.presets import ROBOT_PRESETS, load_recorded_robot, load_robot
+from eskin.robot.presets import ROBOT_PRESETS, load_robot
 from eskin.robot.robot import Joint, Link, Mimic, Robot
 from eskin.robot.shapes import (
     Box,
@@ -34,7 +34,6 @@ __all__ = [
     "build_geom_mesh",
     "build_shape_mesh",
     "compute_surface_distance",
-    "load_recorded_robot",
     "load_robot",
     "load_urdf",
     "revolve_profile",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from eskin.errors import RobotError
 from eskin.robot.robot import Robot
-from eskin.robot.urdf import URDF_SUFFIX, load_urdf, parse_urdf
+from eskin.robot.urdf import URDF_SUFFIX, load_urdf
 
 ROBOT_PRESETS = ("ur5", "ur10", "base", "post", "table", "tube")
 """Names of the robots that come with eskin."""
@@ -54,31 +54,3 @@ def read_preset_urdf(name: str) -> str:
     return (
         resources.files("eskin.robot") / "presets" / f"{name}{URDF_SUFFIX}"
     ).read_text()
-
-
-def load_recorded_robot(
-    name: str, recorded: bytes = b"", urdf: str | Path | None = None
-) -> Robot:
-    """Load the robot of a recording; the recorded name is never used as a path.
-
-    Nor are meshes read that a recorded URDF refers to: its links have no surface, but
-    for primitive shapes.
-
-    Args:
-        name: name of the robot in the recording.
-        recorded: URDF in the recording; empty without one.
-        urdf: robot to load instead: one of `ROBOT_PRESETS` or a URDF file.
-
-    Raises:
-        RobotError: There is no robot of that name, or the file cannot be used.
-    """
-    if urdf is not None:
-        return load_robot(urdf)
-    if recorded:
-        return parse_urdf(recorded, Path(f"URDF of the recorded robot {name!r:.40}"))
-    if name not in ROBOT_PRESETS:
-        raise RobotError(
-            f"the recording is of robot {name!r} and lacks its URDF; allowed without "
-            f"it are {', '.join(ROBOT_PRESETS)}; give it with --robot-urdf"
-        )
-    return load_robot(name)

@@ -10,7 +10,12 @@ from eskin.skin.files import (
     skin_to_bytes,
 )
 from eskin.skin.layout import TaxelGrid, build_grid_skin, build_skin, cut_corners
-from eskin.skin.mounting import load_robot_for_skin, mount_skin
+from eskin.skin.mounting import (
+    KeptRobot,
+    load_robot_for_skin,
+    mount_skin,
+    require_robot,
+)
 from eskin.skin.presets import SKIN_PRESETS, SkinPreset
 from eskin.skin.skin import MountedSkin, Patch, Skin
 from eskin.skin.surfaces import Dome, Plane, Surface, SurfacePoints, Tube, fit_surface
@@ -19,6 +24,7 @@ __all__ = [
     "SKIN_PRESETS",
     "CheckConfig",
     "Dome",
+    "KeptRobot",
     "MountedSkin",
     "ParsedSkin",
     "Patch",
@@ -40,6 +46,7 @@ __all__ = [
     "load_skin",
     "mount_skin",
     "parse_skin_folder",
+    "require_robot",
     "save_skin",
     "skin_from_bytes",
     "skin_to_bytes",

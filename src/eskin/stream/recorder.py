@@ -80,7 +80,7 @@ class RecordingFiles:
             info.calibration,
             metadata,
             info.joint_names,
-            info.urdf,
+            info.mounted.robot.urdf,
         )
 
     @property

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from eskin.cli.checks import POSITIVE_OR_INF
+from eskin.cli.checks import POSITIVE_OR_INF, load_overrides
 
 if TYPE_CHECKING:
     from eskin.labelling.timeline import Timeline
@@ -46,18 +46,18 @@ def run(command: ViewCommand) -> dict[str, object]:
     """Serve the page; return the number of labels and whether they are saved."""
     from eskin.live import Recognizer, load_model
     from eskin.page.process import describe_link, format_link, free_port, make_token
-    from eskin.recording import Overrides, read_recording
+    from eskin.recording import read_recording
     from eskin.recording.label_check import describe_outside
-    from eskin.robot import load_robot
     from eskin.skin import MountedSkin
 
     port = free_port(command.port)
-    recording = played = read_recording(command.recording)
-    if command.robot_urdf is None:
-        robot = recording.load_robot()
-    else:
-        robot = load_robot(command.robot_urdf)
-        played = read_recording(command.recording, Overrides(urdf=robot.urdf))
+    # Labels are saved in the recording as it is, on the robot that was recorded.
+    recording = read_recording(command.recording)
+    played = recording
+    overrides = load_overrides(None, command.robot_urdf)
+    if overrides.robot is not None:
+        played = recording.with_robot(overrides.robot)
+    robot = played.load_robot()
     if lacking := robot.describe_lacking_meshes("drawn"):
         print(lacking)
     mounted = MountedSkin(recording.skin, robot)

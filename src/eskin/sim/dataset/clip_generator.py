@@ -41,7 +41,7 @@ class ClipGenerator(ABC):
     mounted: MountedSkin
     """Skin on its robot."""
     robot_name: str
-    """Name of the robot for `load_recorded_robot`."""
+    """Name of the robot, as recordings hold it."""
     urdf: bytes = b""
     """URDF of the robot; empty for one that comes with eskin."""
 
@@ -79,7 +79,8 @@ class Simulator(ClipGenerator):
 
         Raises:
             SkinError: there is no such skin.
-            SkinMismatchError: the robot of the skin is not known, or lacks its links.
+            RobotError: the robot of the skin is not known.
+            SkinMismatchError: the robot lacks links of the skin.
             ImportSourceError: the recorded touches cannot be read.
         """
         source = SOURCE_SKINS.get(skin, skin)

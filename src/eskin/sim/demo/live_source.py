@@ -81,15 +81,8 @@ class LiveSource(Source):
         self.given = self.skipped = 0
         self.closed = False
         mounted = skin.mounted
-        self.info = SourceInfo(
-            uri=f"sim:{mounted.skin.name}",
-            robot_name=skin.wearer.name,
-            joint_names=mounted.robot.joint_names,
-            skin=mounted.skin,
-            calibration=skin.calibration,
-            rate=1.0 / skin.period,
-            urdf=skin.wearer.urdf,
-        )
+        uri = f"sim:{mounted.skin.name}"
+        self.info = SourceInfo(uri, mounted, skin.calibration, 1.0 / skin.period)
 
     def read(self, timeout: float | None = None) -> Scan | None:
         """Return the next scan when it is due; None if that takes too long."""

@@ -124,15 +124,8 @@ def open_simulation(uris: Sequence[str], config: SourceConfig, clock: Clock) -> 
     simulator = Simulator(skin, robot=None if robot is None else str(robot))
     player = TouchPlayer(simulator, config.seed)
     generator = player.generator
-    info = SourceInfo(
-        uri=f"sim:{skin}",
-        robot_name=generator.robot_name,
-        joint_names=generator.mounted.robot.joint_names,
-        skin=generator.mounted.skin,
-        calibration=generator.calibration(player.build),
-        rate=player.rate,
-        urdf=generator.urdf,
-    )
+    calibration = generator.calibration(player.build)
+    info = SourceInfo(f"sim:{skin}", generator.mounted, calibration, player.rate)
     return PlayedSource(info, player.scans(), config.pace, clock, restamp=True)
 
 

@@ -103,7 +103,8 @@ class InteractiveSkin:
 
         Raises:
             SkinError: there is no such skin.
-            SkinMismatchError: the robot of the skin is not known, or lacks its links.
+            RobotError: the robot of the skin is not known.
+            SkinMismatchError: the robot lacks links of the skin.
             ValueError: the seed is negative.
         """
         if seed < 0:
