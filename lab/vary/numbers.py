@@ -53,7 +53,7 @@ class Number:
     """A number that is tuned by hand."""
 
     module: str
-    """Its module, such as `touch.belief_kernels`."""
+    """Its module, such as `touch.fault_kernels`."""
     name: str
     """Its name, with the class in front of a field: `ContactConfig.on`."""
     part: int | None
