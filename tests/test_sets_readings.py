@@ -449,7 +449,7 @@ def test_damaged_archives_and_wrong_options_are_refused(toy, tmp_path, capsys):
         ("cut.npz", options, "not a whole file of readings"),
         ("cut.parquet", options, "not a whole file of readings"),
         ("b.csv", options, "ends with .npz, .parquet"),
-        ("a.npz", skin, "give the robot that it is on"),
+        ("a.npz", skin, "give the robot that wears the skin"),
         ("a.npz", ("--skin", "ur5"), "allowed are 2,112"),
         (
             "a.npz",

@@ -12,9 +12,16 @@ from eskin.errors import RobotError, SkinError, SkinMismatchError
 from eskin.live import Recognizer
 from eskin.notebook import show_skin
 from eskin.recording import Metadata, RecordingWriter, read_recording, write_all
-from eskin.robot import Kinematics, load_robot
+from eskin.robot import ROBOT_PRESETS, Kinematics, load_robot
 from eskin.robot.urdf import MAX_URDF_BYTES
-from eskin.skin import MountedSkin, load_robot_for_skin, mount_skin, save_skin
+from eskin.skin import (
+    KeptRobot,
+    MountedSkin,
+    describe_robot,
+    load_robot_for_skin,
+    mount_skin,
+    save_skin,
+)
 from eskin.touch import Calibration, Scan
 from helpers.cli import assert_refused, call
 from helpers.skins import ARM, BOX_ARM, SKIN, write_skin
@@ -92,7 +99,6 @@ SKINLESS = {
     "sim.bench.throughput": "a preset's robot",
     "sim.dataset.devices": "a preset's robot",
     "sim.demo.browser": "the robot of an arm's task",
-    "sim.scene.environment": "compares a robot with the preset of its name",
 }
 """Modules that load a robot although they do not ask for that of a skin, and why."""
 
@@ -298,6 +304,15 @@ def test_robot_that_is_given_for_a_recording_brings_its_meshes(kept, tmp_path):
     recording = read_recording(kept[1], overrides)
     assert [len(link.geoms) for link in recording.load_robot().links] == [1, 1]
     assert recording.load_robot().describe_lacking_meshes("drawn") == ""
+
+
+@pytest.mark.parametrize("name", ROBOT_PRESETS)
+def test_robot_is_kept_with_its_urdf_unless_it_comes_with_eskin(name, tmp_path):
+    robot = load_robot(name)
+    assert describe_robot(robot) == KeptRobot(name)
+    (tmp_path / "changed.urdf").write_bytes(robot.urdf + b"<!-- changed -->")
+    for other in (load_robot(tmp_path / "changed.urdf"), robot):
+        assert load_robot_for_skin(describe_robot(other)).urdf == other.urdf
 
 
 def test_recorded_name_of_a_robot_is_no_path(tmp_path, monkeypatch):

@@ -75,6 +75,7 @@ def run(command: RecordCommand) -> dict[str, object]:
     from eskin.cli.terminal import SkinPrinter
     from eskin.recording import Metadata, RecordingWriter
     from eskin.recording.guided import RecordingGuide, review_attempts
+    from eskin.skin import describe_robot
 
     check_options(command)
     with ExitStack() as stack:
@@ -91,7 +92,7 @@ def run(command: RecordCommand) -> dict[str, object]:
                 info.calibration,
                 Metadata("recorded", command.person, command.session),
                 info.joint_names,
-                info.mounted.robot.urdf,
+                describe_robot(info.mounted.robot).urdf,
             )
         )
         labels = LabelWriter(writer)

@@ -58,6 +58,7 @@ from eskin.robot import Robot
 from eskin.skin import (
     KeptRobot,
     Skin,
+    describe_robot,
     load_robot_for_skin,
     require_robot,
     skin_from_bytes,
@@ -246,7 +247,7 @@ class Recording:
         return replace(
             self,
             robot_name=robot.name,
-            urdf=robot.urdf,
+            urdf=describe_robot(robot).urdf,
             joint_names=robot.joint_names,
             given_robot=robot,
         )

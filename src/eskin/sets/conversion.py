@@ -25,7 +25,7 @@ from eskin.recording.writer import (
     write_all,
 )
 from eskin.robot import Robot
-from eskin.skin import Skin
+from eskin.skin import Skin, describe_robot
 from eskin.touch import Calibration, Scan
 
 SetName = Literal["sleeve", "shearsense", "socialtouch", "cost", "haart", "capfingerid"]
@@ -153,7 +153,7 @@ def write_clips(
     folder = Path(folder)
     name = TABLE if robot is None else robot.name
     joints = () if robot is None else robot.joint_names
-    urdf = b"" if robot is None else robot.urdf
+    urdf = b"" if robot is None else describe_robot(robot).urdf
     recordings = readings = labels = 0
     existed = folder.exists()
     checked: list[LabelSet] = []

@@ -12,6 +12,7 @@ from eskin.skin.files import (
 from eskin.skin.layout import TaxelGrid, build_grid_skin, build_skin, cut_corners
 from eskin.skin.mounting import (
     KeptRobot,
+    describe_robot,
     load_robot_for_skin,
     mount_skin,
     require_robot,
@@ -40,6 +41,7 @@ __all__ = [
     "build_skin",
     "check_skin",
     "describe_problems",
+    "describe_robot",
     "cut_corners",
     "fit_surface",
     "load_robot_for_skin",

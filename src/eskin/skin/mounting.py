@@ -23,10 +23,10 @@ class KeptRobot:
     The name is never used as a path.
     """
 
-    name: str | None
-    """Name of the robot; None where none is told."""
-    urdf: bytes | None = None
-    """URDF of the robot; None or empty where none is kept."""
+    name: str = ""
+    """Name of the robot; empty where none is told."""
+    urdf: bytes = b""
+    """URDF of the robot; empty where none is kept."""
     place: str = ""
     """Where the URDF is, for messages."""
 
@@ -72,11 +72,22 @@ def read_kept_robot(skin: str | Path | None) -> KeptRobot:
         SkinError: The URDF in the skin's folder is missing, or was changed.
     """
     if skin is None:
-        return KeptRobot(None)
+        return KeptRobot()
     if str(skin) in SKIN_PRESETS:
         return KeptRobot(SKIN_PRESETS[str(skin)].robot)
     folder = Path(skin)
-    return KeptRobot(None, read_robot_urdf(folder), str(folder / ROBOT_URDF))
+    urdf = read_robot_urdf(folder) or b""
+    return KeptRobot(urdf=urdf, place=str(folder / ROBOT_URDF))
+
+
+def describe_robot(robot: Robot) -> KeptRobot:
+    """Describe a robot as recordings keep it.
+
+    It has no URDF where the robot comes with eskin, so that its name is enough.
+    """
+    if robot.name in ROBOT_PRESETS and robot.urdf == load_robot(robot.name).urdf:
+        return KeptRobot(robot.name)
+    return KeptRobot(robot.name, robot.urdf)
 
 
 def require_robot(robot: Robot | None, told: str) -> Robot:

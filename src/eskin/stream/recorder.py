@@ -20,6 +20,7 @@ from eskin.recording import (
     RecordingWriter,
     check_new_recording,
 )
+from eskin.skin import describe_robot
 from eskin.stream.listener import (
     Context,
     Correction,
@@ -80,7 +81,7 @@ class RecordingFiles:
             info.calibration,
             metadata,
             info.joint_names,
-            info.mounted.robot.urdf,
+            describe_robot(info.mounted.robot).urdf,
         )
 
     @property

@@ -27,11 +27,10 @@ from eskin.sim.people.recorded import (
 )
 from eskin.sim.scene.environment import (
     build_environment,
-    describe_wearer,
     load_environment,
 )
 from eskin.sim.scene.placement import draw_site
-from eskin.skin import MountedSkin, mount_skin
+from eskin.skin import MountedSkin, describe_robot, mount_skin
 from eskin.touch import Calibration
 
 
@@ -89,7 +88,7 @@ class Simulator(ClipGenerator):
         else:
             self.env = build_environment(mount_skin(source, robot), constants)
         self.mounted = self.env.mounted if source == skin else mount_skin(skin, robot)
-        wearer = describe_wearer(self.mounted)
+        wearer = describe_robot(self.mounted.robot)
         self.robot_name = wearer.name
         self.urdf = wearer.urdf
         self.touches = None

@@ -16,8 +16,8 @@ from eskin.sim.demo.live_source import FaultStorm, LiveSource, StormConfig
 from eskin.sim.demo.score import CommandScore, ScoreListener
 from eskin.sim.demo.simulated_user import SimulatedUser, SimulatedUserConfig
 from eskin.sim.interactive import InteractiveSkin
-from eskin.sim.scene import Wearer
 from eskin.sim.sensor.build import BuildKind
+from eskin.skin import KeptRobot
 from eskin.stream import Context, Listener, Message, Recognition
 from eskin.units import NS_PER_S
 
@@ -110,7 +110,7 @@ def build_arm(config: DemoConfig, clock: Clock) -> SimulatedArm:
 
 def is_on_arm(skin: InteractiveSkin) -> bool:
     """Tell whether a skin is on the arm that is simulated at its task."""
-    return skin.wearer == Wearer(FRAME_TASK.robot_name, b"")
+    return skin.wearer == KeptRobot(FRAME_TASK.robot_name)
 
 
 @final

@@ -14,7 +14,6 @@ from eskin.sim.interactive.touches import MotionTrack
 from eskin.sim.people.person import Person, draw_person
 from eskin.sim.scene.environment import (
     SimEnvironment,
-    describe_wearer,
     load_environment,
 )
 from eskin.sim.scene.scene import (
@@ -26,7 +25,7 @@ from eskin.sim.scene.scene import (
 )
 from eskin.sim.sensor import Sensor, SensorBuild
 from eskin.sim.sensor.build import BuildKind
-from eskin.skin import Skin
+from eskin.skin import Skin, describe_robot
 from eskin.touch import Scan
 
 PA_PER_KPA = 1000.0
@@ -112,7 +111,7 @@ class InteractiveSkin:
         self.env = load_environment(name, robot)
         self.mounted = self.env.mounted
         constants = self.env.constants
-        self.wearer = describe_wearer(self.mounted)
+        self.wearer = describe_robot(self.mounted.robot)
         origin = f"build {DEMO_ROLE} {build_kind}"
         build = build or get_build(
             BuildOrigin(

@@ -2,7 +2,6 @@
 
 from eskin.sim.scene.environment import (
     SimEnvironment,
-    Wearer,
     build_environment,
     load_environment,
 )
@@ -11,7 +10,6 @@ from eskin.sim.scene.validity import are_collision_free, compute_joint_limits
 
 __all__ = [
     "SimEnvironment",
-    "Wearer",
     "are_collision_free",
     "build_environment",
     "compute_joint_limits",

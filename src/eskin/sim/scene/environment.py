@@ -6,7 +6,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eskin.robot import ROBOT_PRESETS, load_robot
 from eskin.sim.constants import MM, Constants, load_constants
 from eskin.sim.contact.chart import Chart, build_charts
 from eskin.sim.contact.press import ContactSite
@@ -15,24 +14,6 @@ from eskin.sim.scene.collision import CollisionModel, build_collision_model
 from eskin.sim.scene.targets import CLOSE, TouchTargets, build_targets
 from eskin.skin import MountedSkin, mount_skin
 from eskin.skin.surfaces import Points
-
-
-@dataclass(frozen=True)
-class Wearer:
-    """A wearer says which robot wears a simulated skin, for recordings of it."""
-
-    name: str
-    """Name of a robot that comes with eskin, or of the robot of a URDF."""
-    urdf: bytes
-    """URDF of the robot; empty for one that comes with eskin."""
-
-
-def describe_wearer(mounted: MountedSkin) -> Wearer:
-    """Describe the robot of a mounted skin, as recordings of it name the robot."""
-    robot = mounted.robot
-    if robot.name in ROBOT_PRESETS and robot.urdf == load_robot(robot.name).urdf:
-        return Wearer(robot.name, b"")
-    return Wearer(robot.name, robot.urdf)
 
 
 @dataclass(frozen=True, eq=False)
