@@ -255,7 +255,7 @@ class EvaluateCommand:
     ones."""
 
     robot_urdf: str | None = None
-    """Robot of recordings that lack their URDF: a URDF file or a preset's name."""
+    """Robot in place of the recorded one: a URDF file or a preset's name."""
 
     workers: Annotated[int | None, Range(1)] = None
     """Number of processes that replay streams; by default one for each core."""

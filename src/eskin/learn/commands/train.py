@@ -56,7 +56,7 @@ class TrainCommand:
     ones."""
 
     robot_urdf: str | None = None
-    """Robot of recordings that lack their URDF: a URDF file or a preset's name."""
+    """Robot in place of the recorded one: a URDF file or a preset's name."""
 
     pack: Path | None = None
     """Folder that keeps prepared recordings, so that each is prepared only once."""
