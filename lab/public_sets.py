@@ -141,7 +141,7 @@ def read_shearsense(folder: Path) -> Iterator[Trial]:
     for path in shearsense.find_shearsense_files(folder):
         clip = shearsense.read_shearsense_file(path)
         seconds, share = read_shares(clip, shearsense.FULL_SCALE)
-        [label] = clip.labels
+        [label] = clip.label_set.labels
         peak = share.max(axis=1)
         touched = peak >= max(FAINT, PART * float(np.quantile(peak, 0.98)))
         rows = np.flatnonzero(touched | (label.gesture == NONE))
@@ -190,7 +190,7 @@ def read_sleeve(folder: Path) -> Iterator[Trial]:
                 label.gesture,
                 np.arange(*np.searchsorted(stamps, [label.start, label.end])),
             )
-            for label in clip.labels
+            for label in clip.label_set.labels
             if label.gesture != NONE
         ]
         idle = np.arange(len(stamps))

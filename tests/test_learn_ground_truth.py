@@ -138,11 +138,11 @@ def test_truth_without_touches_is_empty_and_real_recordings_have_none(tmp_path):
 def test_label_is_extended_up_to_the_next_on_a_calibrated_skin(tmp_path):
     """Only the best labels count: rough ranges do not where the truth is known."""
     path = record(tmp_path / "a.mcap", ["hold"], calibrated=True)
-    true = (label(3.0, 3.5, "hold"), label(3.7, 4.0, "tap"), label(6.0, 6.5, "tap"))
+    true = (label(3.0, 3.5, "hold"), label(3.7, 4.0, "tap"), label(4.65, 4.7, "tap"))
     labels = (label(2.0, 5.0, "hold", "range"), *true)
     recording = replace(read_recording(path), labels=labels)
     ends = [(x.end - START) / SECOND for x in extend_labels(recording)]
-    assert ends == pytest.approx([3.7, 4.6, 7.1])
+    assert ends == pytest.approx([3.7, 4.6, 5.3])
     nominal = replace(recording, skin=replace(recording.skin, calibrated=False))
     assert extend_labels(nominal) == list(true)
     assert extend_labels(replace(nominal, labels=())) == []

@@ -95,6 +95,13 @@ LONG = {
 """Commands that may take minutes, and print nothing else meanwhile."""
 
 
+def write_labelled(path):
+    """Write a recording of a second with one label."""
+    label = Label(20 * PERIOD_NS, 40 * PERIOD_NS, "poke")
+    with RecordingWriter(path, "table", SKIN, CALIBRATION, Metadata()) as writer:
+        write_all(writer, make_scans(rest(50)), [label])
+
+
 @pytest.mark.parametrize("words", LONG.values(), ids=LONG)
 def test_commands_that_may_take_minutes_show_progress(words, shown, tmp_path, capsys):
     places = {
@@ -103,11 +110,7 @@ def test_commands_that_may_take_minutes_show_progress(words, shown, tmp_path, ca
         "table": tmp_path / "t.csv",
         "out": tmp_path / "out",
     }
-    label = Label(20 * PERIOD_NS, 40 * PERIOD_NS, "poke")
-    with RecordingWriter(
-        places["labelled"], "table", SKIN, CALIBRATION, Metadata()
-    ) as writer:
-        write_all(writer, make_scans(rest(50)), [label])
+    write_labelled(places["labelled"])
     lines = ["gesture,a,b,c,d", *["poke,1,2,3,4"] * 50]
     places["table"].write_text("\n".join(lines))
     filled = [word.format(**places) for word in words]
@@ -144,7 +147,8 @@ def test_no_line_is_printed_after_an_error_that_is_kept(
     work, part, failing, tmp_path, monkeypatch
 ):
     """A notebook keeps the last traceback, and with it all that its frames name."""
-    path = record(tmp_path / "a.mcap", make_scans(rest(50)))
+    path = tmp_path / "a.mcap"
+    write_labelled(path)
     monkeypatch.setattr(part, failing)
     with pytest.raises(ValueError, match="disk full") as kept:
         work(path, tmp_path)

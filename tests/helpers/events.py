@@ -77,14 +77,18 @@ def make_truth(seconds, touch, gesture="poke", p_world=(0.0, 0.0, 0.0), kind="ti
 
 
 def record_events(path, truths=(), labels=(), simulated=True):
-    """Write a recording of one scan with true touches and labels; read it."""
+    """Write a recording of two scans with true touches and labels; read it."""
     skin = build_grid_skin(2, 2)
     metadata = Metadata("scene", notes={"simulated": "true"} if simulated else {})
     calibration = Calibration.uniform(skin.count, 4095, 100.0)
     counts = np.zeros(skin.count, np.int32)
     received = np.ones(skin.count, bool)
     with RecordingWriter(path, "table", skin, calibration, metadata) as writer:
-        write_all(writer, [Scan(START, counts, received, np.zeros(0))], labels)
+        scans = [
+            Scan(stamp, counts, received, np.zeros(0))
+            for stamp in (START, START + 60 * SECOND)
+        ]
+        write_all(writer, scans, labels)
         for truth in truths:
             writer.write_truth(truth)
     return read_recording(path)
