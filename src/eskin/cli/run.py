@@ -85,7 +85,7 @@ class RunCommand(SourceCommand):
 
     pace: Annotated[float, POSITIVE_OR_INF] = 1.0
     """Speed of a recording or simulation relative to real time; inf is as fast as it is
-    recognised."""
+    recognised. With --robot it is 1, as the arm moves in real time."""
 
     seed: int = 0
     """Random seed of the simulated person."""
@@ -198,13 +198,19 @@ def check_options(command: RunCommand) -> None:
     Raises:
         DeviceError: for joint positions, a key, or a robot that is real.
         CommandError: for a command map that is not for a real robot.
-        ArmError: for a way to ask that there is not, or a real robot without one.
+        ArmError: for a way to ask that there is not, a real robot without one, or a
+            robot with touches that are not in real time.
     """
     driver = check_source(command)
     if command.key is not None and not driver.takes_key:
         raise DeviceError(
             f"--key is given with {' '.join(command.source)}; allowed is a key with "
             "serial: or udp: sources, whose packets it checks; leave it out"
+        )
+    if command.robot is not None and command.pace != 1.0:
+        raise ArmError(
+            f"--pace is {command.pace:g} with --robot {command.robot}, which moves in "
+            "real time; allowed is 1; leave --pace or --robot out"
         )
     if commands_real_robot(command):
         check_touches(command, driver)
