@@ -469,12 +469,12 @@ def test_damaged_archives_and_wrong_options_are_refused(toy, tmp_path, capsys):
     assert_refused(capsys, *words, part="--skin is given for cost")
 
 
-def test_recordings_that_are_exported_as_parquet_come_back(tmp_path, capsys):
+@pytest.mark.parametrize("source", ["in", "in/readings.parquet", "."])
+def test_recordings_that_are_exported_as_parquet_come_back(source, tmp_path, capsys):
     generate(tmp_path / "set", GenerationSettings("paper", clips=2, subjects=1), 1)
     [path] = sorted((tmp_path / "set").rglob("*.mcap"))[:1]
     call_json(capsys, "export", path, "--parquet", tmp_path / "in")
-    source = tmp_path / "in" / "readings.parquet"
-    words = ("convert", "table", source, tmp_path / "out", "--skin", "ur5")
+    words = ("convert", "table", tmp_path / source, tmp_path / "out", "--skin", "ur5")
     call_json(capsys, *words)
     before = read_recording(path)
     after = read_recording(tmp_path / "out" / "readings.mcap")

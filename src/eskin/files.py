@@ -153,6 +153,12 @@ def write_folder(path: Path, error: type[Exception]) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
+READINGS = "readings.parquet"
+"""Table of the readings in a folder that `eskin export --parquet` writes."""
+TOUCHES = "touches.parquet"
+"""Table of the touches there."""
+TAXELS = "taxels.parquet"
+"""Table of the taxels there."""
 MAX_SHOWN = 40
 """Number of characters of a value that messages show."""
 MAX_DEPTH = 20

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from eskin.errors import RecordingError
-from eskin.files import write_folder
+from eskin.files import READINGS, TAXELS, TOUCHES, write_folder
 from eskin.notebook import describe_origin, describe_touch, list_taxels
 from eskin.progress import show_progress
 from eskin.recording import Label, Recording, select_labels
@@ -17,9 +17,6 @@ from eskin.registry import Exporter, find_package
 from eskin.skin import MountedSkin
 from eskin.touch import Scan, Touch, TouchPipeline, TouchState
 
-READINGS = "readings.parquet"
-TOUCHES = "touches.parquet"
-TAXELS = "taxels.parquet"
 UNITS = {
     "pressure": "kPa",
     "peak_pressure": "kPa",

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Int, Num
 
 from eskin.errors import ImportSourceError, RecordingError
+from eskin.files import READINGS, TAXELS, TOUCHES
 from eskin.recording.label_check import LabelSet
 from eskin.recording.records import (
     Label,
@@ -94,7 +95,7 @@ def convert_readings(
     files = [
         path
         for path in find_files(Path(source), "*", SUFFIXES)
-        if not path.name.endswith(LABELS_SUFFIX)
+        if not path.name.endswith(LABELS_SUFFIX) and not is_beside_readings(path)
     ]
     if not files or not files[0].name.endswith(SUFFIXES):
         raise ImportSourceError(
@@ -105,6 +106,11 @@ def convert_readings(
     robot = layout.mounted.robot
     result = write_clips(clips, folder, layout.mounted.skin, layout.calibration, robot)
     return result, poses.fit
+
+
+def is_beside_readings(path: Path) -> bool:
+    """Return whether a file of an exported folder describes touches or taxels."""
+    return path.name in (TOUCHES, TAXELS) and path.with_name(READINGS).exists()
 
 
 def read_sessions(
