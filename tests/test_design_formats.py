@@ -9,7 +9,13 @@ from eskin.design.formats.icub import read_icub_positions, write_icub_positions
 from eskin.design.formats.tactile_urdf import read_tactile_urdf, write_tactile_urdf
 from eskin.errors import SkinError
 from eskin.robot import load_robot, load_urdf
-from eskin.skin import check_skin, load_skin, save_skin
+from eskin.skin import (
+    SKIN_PRESETS,
+    check_skin,
+    load_robot_for_skin,
+    load_skin,
+    save_skin,
+)
 from helpers.cli import call_json
 
 URDF = """<?xml version="1.0"?>
@@ -458,3 +464,28 @@ def test_skin_without_the_link_of_a_robot_is_not_found(tmp_path):
         read_gentact(path, "x", load_robot("ur5"))
     save_skin(load_skin("bent"), tmp_path / "bent")
     assert run(["skin", "convert", str(tmp_path / "none"), str(tmp_path / "x")]) == 2
+
+
+@pytest.mark.parametrize("name", SKIN_PRESETS)
+def test_preset_in_any_format_and_back_has_no_problem(name, tmp_path):
+    skin = load_skin(name)
+    robot = load_robot_for_skin(name)
+    write_tactile_urdf(tmp_path / "a.urdf", skin, robot)
+    write_icub_positions(tmp_path / "a", skin)
+    write_gentact(tmp_path / "a.csv", skin)
+    for again in (
+        read_tactile_urdf(tmp_path / "a.urdf", name),
+        read_icub_positions(sorted((tmp_path / "a").iterdir()), name),
+        read_gentact(tmp_path / "a.csv", name, robot),
+    ):
+        assert check_skin(again, robot) == []
+
+
+@pytest.mark.parametrize("taxel", [0, 1000, 2111])
+def test_flipped_normal_in_a_list_is_found(taxel, tmp_path):
+    write_tactile_urdf(tmp_path / "a.urdf", load_skin("ur5"))
+    skin = read_tactile_urdf(tmp_path / "a.urdf", "ur5")
+    assert {patch.rows for patch in skin.patches} == {1}
+    skin.normals[taxel] *= -1
+    (problem,) = check_skin(skin)
+    assert (problem.taxel, problem.kind) == (taxel, "flipped normal")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from eskin.errors import SkinError
-from eskin.near import iterate_near_pairs
+from eskin.near import find_nearest, iterate_near_pairs
 from eskin.robot import Robot, compute_surface_distance
 from eskin.robot.urdf import LARGE
 from eskin.skin.skin import Skin
@@ -247,7 +247,7 @@ def find_flipped_problems(
     """Find normals that point against the neighbours' normals."""
     product = np.sum(skin.normals * neighbour_normals, axis=1)
     text = "its normal points against its neighbours' normals, allowed outward"
-    for taxel in np.flatnonzero(product < 0).tolist():
+    for taxel in np.flatnonzero(product < -FLIPPED).tolist():
         yield SkinProblem(text, "flipped normal", get_patch_id(skin, taxel), taxel)
 
 
@@ -326,6 +326,9 @@ def compare_neighbours(
 ) -> tuple[Float[np.ndarray, "taxel"], Float[np.ndarray, "taxel 3"]]:
     """Compute the cell of each taxel between its neighbours, and their normals.
 
+    Neighbours are next to each other in the grid. In a patch of one row or column,
+    which may be a list of taxels in any order, they are the nearest in space.
+
     Returns:
         The distance to the next taxel in the row times that in the column, NaN where
         unknown [m2]; and the sum of the neighbours' normals.
@@ -340,6 +343,17 @@ def compare_neighbours(
         gap = np.linalg.norm(skin.positions[known] - skin.positions[other], axis=1)
         steps[axis, known] = np.minimum(steps[axis, known], gap)
         normals[known] += skin.normals[other]
+    near = are_near(skin)
+    for number, patch in enumerate(skin.patches):
+        if min(patch.rows, patch.columns) > 1:
+            continue
+        # A list has cells that follow each other, wherever its taxels are.
+        own = np.flatnonzero(near & (skin.patch_index == number))
+        one, other, squared = find_nearest(skin.positions[own], LIST_NEIGHBOURS)
+        steps[:, own] = np.inf
+        normals[own] = 0.0
+        np.minimum.at(steps[0], own[one], np.sqrt(squared))
+        np.add.at(normals, own[one], skin.normals[own[other]])
     # Where only one direction is known, the cell is assumed to be a square.
     first = np.where(np.isfinite(steps[0]), steps[0], steps[1])
     second = np.where(np.isfinite(steps[1]), steps[1], steps[0])
@@ -367,6 +381,11 @@ def find_neighbours(
     return np.where(own[found] == wanted, found, -1)
 
 
+FLIPPED = 0.5
+"""Negative of the largest inner product of a flipped normal and the sum of its
+neighbours' normals; where one of two neighbours is flipped, it is about zero."""
+LIST_NEIGHBOURS = 2
+"""Number of nearest taxels that are neighbours in a patch of one row or column."""
 DIRECTION_TOLERANCE = 1e-3
 """Largest error of the lengths of normal and tangent, and of their inner product."""
 
