@@ -385,7 +385,9 @@ def test_command_chooses_points_that_are_read_again(tmp_path, capsys):
         (("--presses", 4), "allowed are 5 to 100"),
         (("--patch", "nose"), "no patch 'nose'"),
     ):
+        path.unlink(missing_ok=True)
         assert_refused(capsys, *command, *options, part=part)
+        assert not path.exists()
 
 
 def test_presses_that_do_not_fit_their_points_are_refused():

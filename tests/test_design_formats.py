@@ -16,7 +16,7 @@ from eskin.skin import (
     load_skin,
     save_skin,
 )
-from helpers.cli import call_json
+from helpers.cli import assert_refused, call_json
 
 URDF = """<?xml version="1.0"?>
 <robot name="hand">
@@ -489,3 +489,49 @@ def test_flipped_normal_in_a_list_is_found(taxel, tmp_path):
     skin.normals[taxel] *= -1
     (problem,) = check_skin(skin)
     assert (problem.taxel, problem.kind) == (taxel, "flipped normal")
+
+
+@pytest.mark.parametrize("there", ["file", "folder"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "points ur5 --out OUT",
+        "convert ur5 OUT",
+        "convert ur5 OUT --to urdf",
+        "convert ur5 OUT --to icub",
+        "convert ur5 OUT --to gentact",
+        "convert sleeve OUT --to icub",
+        "convert files OUT",
+    ],
+)
+def test_what_is_at_a_path_is_never_replaced(
+    words, there, tmp_path, monkeypatch, capsys
+):
+    """Coordinates in it may have been measured, and two skins must not be mixed."""
+    monkeypatch.chdir(tmp_path)
+    write_icub_positions(tmp_path / "files", load_skin("ur5"))
+    out = tmp_path / "ur5"
+    if there == "file":
+        out.write_text("measured")
+    else:
+        save_skin(load_skin("ur5"), out, load_robot("ur5"))
+    before = {
+        each: each.is_file() and each.read_bytes() for each in tmp_path.rglob("*")
+    }
+    words = words.replace("OUT", "ur5").split()
+    assert_refused(capsys, "skin", *words, part="ur5: it is there already")
+    after = {each: each.is_file() and each.read_bytes() for each in tmp_path.rglob("*")}
+    assert after == before
+
+
+@pytest.mark.parametrize("source", ["own", "own/skin.yaml", "../SELF/own"])
+def test_skin_is_mounted_on_another_robot_in_its_own_folder(
+    source, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    save_skin(load_skin("ur5"), tmp_path / "own")
+    source = source.replace("SELF", tmp_path.name)
+    words = ("skin", "convert", source, tmp_path / "own", "--robot-urdf", "ur5")
+    call_json(capsys, *words)
+    assert load_robot_for_skin("own").joint_names == load_robot("ur5").joint_names
+    assert_same(load_skin("own"), load_skin("ur5"))

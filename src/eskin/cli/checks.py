@@ -223,6 +223,20 @@ def check_writable(target: Path) -> None:
     check_folder(target.absolute().parent)
 
 
+def check_new(target: Path) -> None:
+    """Raise unless a path is free, and a file or folder can be written there.
+
+    Raises:
+        EskinError: if something is there, or it cannot be written.
+    """
+    if target.exists():
+        raise EskinError(
+            f"cannot write {target}: it is there already; allowed is another path; "
+            "move it away or give another"
+        )
+    check_folder(target.absolute().parent)
+
+
 def check_folder(folder: Path) -> None:
     """Raise if a folder cannot be made or written to.
 

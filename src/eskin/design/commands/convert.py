@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from eskin.cli.checks import check_folder, check_writable
+from eskin.cli.checks import check_folder, check_new
 from eskin.cli.guided import say
 from eskin.design.formats import FORMATS, ICUB_SUFFIX, SkinFormat
 from eskin.errors import RobotError, SkinError
@@ -27,7 +27,7 @@ class ConvertSkinCommand:
     """Skin, or file of another project."""
 
     out: tyro.conf.Positional[Path]
-    """What to write."""
+    """New file or folder; or the skin's own folder, to mount it on another robot."""
 
     to: SkinFormat | None = None
     """Format to write, where the path does not tell it, as for a folder of iCub files.
@@ -48,10 +48,10 @@ class ConvertSkinCommand:
 def run(command: ConvertSkinCommand) -> dict[str, object]:
     """Read a skin, write it, and return its counts."""
     wanted = command.to or FORMATS.get(command.out.suffix, "skin")
-    if wanted in ("skin", "icub"):
+    if wanted == "skin" and is_in_place(command):
         check_folder(command.out)
     else:
-        check_writable(command.out)
+        check_new(command.out)
     from eskin.design.formats.gentact import write_gentact
     from eskin.design.formats.icub import write_icub_positions
     from eskin.design.formats.tactile_urdf import write_tactile_urdf
@@ -78,6 +78,17 @@ def run(command: ConvertSkinCommand) -> dict[str, object]:
         "taxels": skin.count,
         "patches": len(skin.patches),
     }
+
+
+def is_in_place(command: ConvertSkinCommand) -> bool:
+    """Return whether a skin is written to the folder from which it is read."""
+    source = Path(command.source)
+    folder = source.parent if source.name == MANIFEST else source
+    return (
+        command.source not in SKIN_PRESETS
+        and (folder / MANIFEST).exists()
+        and folder.resolve() == command.out.resolve()
+    )
 
 
 def find_robot(command: ConvertSkinCommand) -> Robot | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 import tyro
 
-from eskin.cli.checks import check_folder, check_writable
+from eskin.cli.checks import check_folder, check_new
 from eskin.cli.guided import (
     Dialogue,
     PressCommand,
@@ -92,7 +92,7 @@ class PointsCommand:
     """Number of presses of each patch."""
 
     out: Path
-    """CSV file to write, with columns patch, row, column, x_mm, y_mm, z_mm."""
+    """New CSV file, with columns patch, row, column, x_mm, y_mm, z_mm."""
 
 
 def run_points(command: PointsCommand) -> dict[str, object]:
@@ -100,7 +100,7 @@ def run_points(command: PointsCommand) -> dict[str, object]:
     from eskin.calibration.pose import choose_taxels
     from eskin.skin import load_skin
 
-    check_writable(command.out)
+    check_new(command.out)
     skin = load_skin(command.skin)
     lines = ["patch,row,column,x_mm,y_mm,z_mm"]
     for number in skin.find_patches(command.patch):
