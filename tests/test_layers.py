@@ -139,7 +139,8 @@ def test_package_imports_only_what_lies_below_it(package):
     for path in MODULES:
         if get_package(path) == package:
             names = [name.split(".") for name in find_imports(path)]
-            found = {parts[1] for parts in names if parts[0] == "eskin" and parts[1:]}
+            # `eskin` itself has the public names, which stand above everything.
+            found = {"".join(parts[1:2]) for parts in names if parts[0] == "eskin"}
             assert found <= allowed, path
 
 
@@ -159,12 +160,30 @@ def test_nothing_imports_the_laboratory_and_the_product_no_leaf():
         assert "lab" not in {name.split(".")[0] for name in find_imports(path)}, path
 
 
+def test_modules_are_imported_by_name_only_where_that_is_listed():
+    """Names in strings are of the module's own package, or the registry's."""
+    pattern = re.compile(r"""["'](?:eskin\.)?([a-z_]+)(?:\.[a-z_.]+)?["']""")
+    for path in MODULES:
+        package = get_package(path)
+        for node in parse_module(path):
+            if not (isinstance(node, ast.Call) and node.args):
+                continue
+            if ast.unparse(node.func).split(".")[-1] != "import_module":
+                continue
+            match = pattern.fullmatch(ast.unparse(node.args[0]))
+            named = match[1] if match else ""
+            if package not in TOP and package != REGISTRY:
+                assert named == package or named not in BELOW, path
+
+
 def test_only_the_registry_names_leaves():
     pattern = re.compile(rf"""["'](?:eskin\.)?(?:{"|".join(LEAVES)})\.""")
+    whole = re.compile(rf"""["']eskin\.(?:{"|".join(LEAVES)})["']""")
     for path in MODULES:
         package = get_package(path)
         if package not in LEAVES and package != REGISTRY:
-            assert not pattern.search(path.read_text()), path
+            text = path.read_text()
+            assert not pattern.search(text) and not whole.search(text), path
 
 
 def test_packages_have_no_cycle_and_their_arrows_are_printed(capsys):

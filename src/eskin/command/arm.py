@@ -82,10 +82,10 @@ class ArmState:
     @property
     def problem(self) -> Reason | None:
         """Why it obeys no touch, not even to stop; None where it obeys."""
-        if self.protective_stop:
-            return Problem.PROTECTIVE_STOP.reason()
         if not self.connected:
             return Problem.NOT_CONNECTED.reason()
+        if self.protective_stop:
+            return Problem.PROTECTIVE_STOP.reason()
         return None if self.running else Problem.PROGRAM_ENDED.reason()
 
 

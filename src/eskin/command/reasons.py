@@ -113,7 +113,7 @@ class Refusal(Cause):
     NO_DIRECTION = ("the touch did not travel", "stroke farther")
     ARM_CHANGED = (
         "the arm has changed: the same would {action} now",
-        "let go, then ask again",
+        "let go, wait some seconds, then ask again",
     )
     TOUCHED_EARLIER = (
         "something touched the skin less than {seconds:g} s before",
