@@ -182,10 +182,13 @@ def change_weight(model, change):
 @pytest.mark.parametrize(
     ("change", "part"),
     [
-        (lambda m: change_card(m, k=10**9), "setting 'k' is 1000000000"),
+        (lambda m: change_card(m, k=10**9), "settings: k: got 1000000000, allowed is"),
         (lambda m: change_card(m, k=float("nan")), "settings.k"),
-        (lambda m: change_card(m, pooling="sum"), "setting 'pooling' is 'sum'"),
-        (lambda m: change_card(m, depth=3), "setting 'depth' is 3"),
+        (
+            lambda m: change_card(m, pooling="sum"),
+            "settings: pooling: got 'sum',",
+        ),
+        (lambda m: change_card(m, depth=3), "settings: depth is not known"),
         (lambda m: change_card(m, knows_none=True), "'out.weight' has shape"),
         (lambda m: Model({}, m.card), "lacks parameter"),
         (lambda m: change_weight(m, lambda w: w[:, 1:]), "'out.weight' has shape"),

@@ -123,7 +123,7 @@ ROWS = [
     change("0,0,1,64", "0,0,0,64", "'right', taxel 3", "normal", "length 0,"),
     change("name: small\n", "", "skin.yaml", "name is missing"),
     change("address: 1", "address: one", "patches[0].address", "'one'"),
-    change("rows: 2", "rows: 0", "patches[0].rows", "got 0", "1"),
+    change("rows: 2", "rows: 0", "patches[0].rows: got 0, allowed is 1 or more"),
     change("rows: 2", "rows: 2, rows: 3", "line 3, column 48", "the key"),
     change("kind: shear", "kind: heat", "patches[1].kind", "'heat'", "'pressure'"),
     change("link: arm, address: 1", "address: 1", "patches[0].link is missing"),
@@ -191,7 +191,7 @@ ROWS = [
         "upper_arm_front",
     ),
     *(
-        digest(wrong, SkinError, "robot_sha256", wrong[:9], "allowed 64")
+        digest(wrong, SkinError, "robot_sha256", wrong[:9], "allowed is 64")
         for wrong in ("a" * 63, "G" * 64, "../arm.urdf")
     ),
     digest(sha256(DOCTYPE.encode()).hexdigest(), RobotError, "DOCTYPE"),

@@ -17,6 +17,7 @@ from typing import Annotated, BinaryIO
 import yaml
 from annotated_types import Interval
 from pydantic import Field, ValidationError
+from pydantic_core import ErrorDetails
 
 KINDS = {
     stat.S_IFIFO: "a FIFO",
@@ -27,6 +28,41 @@ KINDS = {
 """Kinds of files that are refused, beside folders."""
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 """Beginning of the text that stands for a file of Git LFS until it is fetched."""
+
+ALLOWED = {
+    "greater_than_equal": "{ge} or more",
+    "greater_than": "more than {gt}",
+    "less_than_equal": "{le} or less",
+    "less_than": "less than {lt}",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_parsing_size": "a whole number of fewer digits",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "string_type": "a text",
+    "string_pattern_mismatch": "one line of text without spaces at its ends",
+    "string_too_short": "a text of {min_length} characters or more",
+    "string_too_long": "a text of {max_length} characters or fewer",
+    "literal_error": "{expected}",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "too_short": "a list of {min_length} entries or more",
+    "too_long": "a list of {max_length} entries or fewer",
+    "dict_type": "a mapping",
+    "model_type": "a mapping",
+    "dataclass_type": "a mapping",
+    "dataclass_exact_type": "a mapping",
+    "none_required": "nothing",
+    "json_invalid": "JSON ({error})",
+    "json_type": "JSON",
+}
+"""What is allowed for an entry, by the type of error of pydantic."""
+UNKNOWN_ENTRY = ("extra_forbidden", "unexpected_keyword_argument")
+"""Types of error of pydantic of an entry that is not known."""
 
 
 class UnfitFileError(OSError):
@@ -294,10 +330,31 @@ def format_entry_path(steps: Sequence[int | str]) -> str:
 
 
 def describe_first_error(error: ValidationError) -> str:
-    """Describe where the first wrong entry of a file is, why, and what was got."""
-    first = error.errors()[0]
-    where = format_entry_path(first["loc"]) or "the file"
-    return f"{where}: {first['msg']}, got {shorten(first['input'])}"
+    """Describe the first wrong entry of a file as `describe_entry_error` does."""
+    return describe_entry_error(error.errors()[0])
+
+
+def describe_entry_error(detail: ErrorDetails, known: Sequence[str] = ()) -> str:
+    """Describe a wrong entry of a file: where it is, what was got, what is allowed.
+
+    Args:
+        detail: what pydantic says of the entry.
+        known: names of the entries that may stand where an unknown one does; none are
+            told where it is empty.
+    """
+    path = format_entry_path(detail["loc"]) or "the file"
+    if detail["type"] == "missing":
+        return f"{path} is missing; add it"
+    if detail["type"] in UNKNOWN_ENTRY:
+        remedy = f", allowed {', '.join(known)}" if known else "; take it out"
+        return f"{path} is not known{remedy}"
+    got = f"{path}: got {shorten(detail['input'])}"
+    if detail["type"] == "value_error":
+        return f"{got}; {detail['msg'].removeprefix('Value error, ')}"
+    allowed = ALLOWED.get(detail["type"])
+    if allowed is None:
+        return f"{got}, allowed is {detail['msg'].removeprefix('Input should be ')}"
+    return f"{got}, allowed is {allowed.format_map(detail.get('ctx', {}))}"
 
 
 def parse_number(text: str) -> float:

@@ -9,6 +9,7 @@ from annotated_types import Interval
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from eskin.errors import ModelError
+from eskin.files import describe_first_error
 from eskin.live import Model, ModelCard, check_parameters
 from eskin.recording import NONE
 from eskin.skin import MountedSkin
@@ -80,11 +81,9 @@ def read_settings(card: ModelCard) -> PaperSettings:
     try:
         return SETTINGS_ADAPTER.validate_python(card.settings)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
         raise ModelError(
-            f"model's setting {place!r:.40} is {first['input']!r:.40}: {first['msg']}; "
-            f"train it again with this version of {RECOGNISER}"
+            f"model's settings: {describe_first_error(error)}; train it again with "
+            f"this version of {RECOGNISER}"
         ) from None
 
 

@@ -9,7 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from eskin.command.actions import (
-    ACTIONS,
     ADVANCING_ACTIONS,
     COMMAND_FUNCTIONS,
     FUNCTION,
@@ -22,7 +21,13 @@ from eskin.command.actions import (
     needs_answer,
 )
 from eskin.errors import CommandError
-from eskin.files import Name, format_entry_path, load_plain_yaml, read_file, shorten
+from eskin.files import (
+    Name,
+    describe_entry_error,
+    load_plain_yaml,
+    read_file,
+    shorten,
+)
 from eskin.recording.records import NONE, UNKNOWN
 from eskin.skin import Patch, Skin
 
@@ -407,27 +412,14 @@ def parse_commands(text: str, file: str) -> CommandMap:
     try:
         return CommandMap.model_validate(data)
     except ValidationError as error:
-        lines = "; ".join(map(describe_entry_error, error.errors()))
+        lines = "; ".join(map(describe_map_error, error.errors()))
         raise CommandError(f"{file}: {lines}") from None
 
 
-def describe_entry_error(detail: ErrorDetails) -> str:
+def describe_map_error(detail: ErrorDetails) -> str:
     """Describe which entry is wrong, what was got and what is allowed."""
-    path = format_entry_path(detail["loc"])
-    got = shorten(detail["input"])
-    match detail["type"]:
-        case "missing":
-            return f"{path} is missing; add it"
-        case "extra_forbidden":
-            allowed = Rule if "[" in path else CommandMap
-            return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
-        case "string_type" if path == "answer":
-            return f"{path}: got {got}, allowed is one gesture, or {NEVER_ASKS}"
-        case "literal_error" if path.endswith("action"):
-            return f"{path}: got {got}, allowed {', '.join(ACTIONS)}"
-        case "literal_error" if path.endswith("direction"):
-            return f"{path}: got {got}, allowed toward_tool, toward_base, left, right"
-        case "string_pattern_mismatch":
-            return f"{path}: got {got}, allowed one line without spaces at its ends"
-    wanted = detail["msg"].removeprefix("Input ").removeprefix("should ")
-    return f"{path}: got {got}, {wanted}"
+    if detail["loc"] == ("answer",) and detail["type"] == "string_type":
+        got = shorten(detail["input"])
+        return f"answer: got {got}, allowed is one gesture, or {NEVER_ASKS}"
+    known = Rule if len(detail["loc"]) > 1 else CommandMap
+    return describe_entry_error(detail, tuple(known.model_fields))

@@ -12,7 +12,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from eskin.errors import ModelError
-from eskin.files import atomic_path, open_file, shorten
+from eskin.files import atomic_path, describe_first_error, open_file, shorten
 from eskin.live.graph_features import NODE_SCALARS, PRESSURE_SUMMARY, SHEAR_SUMMARY
 from eskin.live.model_config import (
     EDGE_SCALARS,
@@ -147,12 +147,9 @@ def read_card(text: str | None, path: Path) -> ModelCard:
     try:
         return CARD_ADAPTER.validate_json(text)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        what = f"card entry {shorten(place)}" if place else "its card"
         raise ModelError(
-            f"{path}: {what} is {shorten(first['input'])}: {first['msg']}; "
-            "train the model again with this version of eskin"
+            f"{path}: its card: {describe_first_error(error)}; train the model again "
+            "with this version of eskin"
         ) from None
 
 

@@ -18,7 +18,7 @@ from eskin.files import (
     MAX_YAML_BYTES,
     Name,
     atomic_path,
-    format_entry_path,
+    describe_entry_error,
     load_plain_yaml,
     read_file,
     shorten,
@@ -99,7 +99,7 @@ def load_skin(name_or_path: str | Path) -> Skin:
     path = Path(name_or_path)
     if not path.exists():
         raise SkinError(
-            f"no skin '{name}'; allowed a preset ({', '.join(SKIN_PRESETS)}) or a "
+            f"no skin '{name}'; allowed is a preset ({', '.join(SKIN_PRESETS)}) or a "
             f"folder with {MANIFEST}"
         )
     parsed = parse_skin_folder(path)
@@ -318,7 +318,7 @@ def build_manifest(data: dict[str, object], source: str) -> SkinManifest:
     try:
         return SkinManifest.model_validate(data)
     except ValidationError as error:
-        lines = "; ".join(describe_entry_error(detail) for detail in error.errors())
+        lines = "; ".join(map(describe_manifest_error, error.errors()))
         raise SkinError(f"{source}: {lines}") from None
 
 
@@ -335,18 +335,12 @@ def format_manifest(skin: Skin, urdf: bytes | None = None) -> str:
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
 
-def describe_entry_error(detail: ErrorDetails) -> str:
+def describe_manifest_error(detail: ErrorDetails) -> str:
     """Describe a wrong entry: the given and the allowed value."""
-    path = format_entry_path(detail["loc"])
-    if detail["type"] == "missing":
-        return f"{path} is missing; add it"
-    if detail["type"] == "extra_forbidden":
-        allowed = PatchEntry if "[" in path else SkinManifest
-        return f"{path} is not known, allowed {', '.join(allowed.model_fields)}"
-    if detail["type"] == "string_pattern_mismatch":
-        allowed = "one line of text without spaces at its ends"
-        if path == "robot_sha256":
-            allowed = f"64 hexadecimal digits, the SHA-256 of {ROBOT_URDF}"
-        return f"{path}: got {shorten(detail['input'])}, allowed {allowed}"
-    wanted = detail["msg"].removeprefix("Input ").removeprefix("should ")
-    return f"{path}: got {shorten(detail['input'])}, {wanted}"
+    if detail["loc"] == ("robot_sha256",) and "pattern" in detail["type"]:
+        return (
+            f"robot_sha256: got {shorten(detail['input'])}, allowed is 64 hexadecimal "
+            f"digits, the SHA-256 of {ROBOT_URDF}"
+        )
+    known = PatchEntry if len(detail["loc"]) > 1 else SkinManifest
+    return describe_entry_error(detail, tuple(known.model_fields))
