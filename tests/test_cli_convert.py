@@ -68,6 +68,18 @@ def test_conversion_of_invalid_input_is_refused_and_leaves_nothing(
         assert not out.exists()
 
 
+@pytest.mark.parametrize("name", ["sleeve", "shearsense", "socialtouch", "table"])
+@pytest.mark.parametrize(
+    "options", [(), ("--rows", 8, "--columns", 8), ("--skin", "x")]
+)
+def test_missing_file_is_told_whatever_options_are_given(
+    name, options, tmp_path, capsys
+):
+    gone = tmp_path / "gone.csv"
+    words = ("convert", name, gone, tmp_path / "out", *options)
+    assert_refused(capsys, *words, part=f"no file or folder {gone}")
+
+
 def test_label_adds_labels_once_and_scores_them(converted, capsys):
     result, _ = call_json(capsys, "label", converted)
     assert set(result) == {"labels", "agreement"}

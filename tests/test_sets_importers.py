@@ -322,7 +322,7 @@ def test_geometry_and_units_are_nominal_unless_given(tmp_path, pitch, pressure):
     "convert", [convert_sleeve, convert_shearsense, convert_socialtouch]
 )
 def test_folder_without_the_set_is_refused(tmp_path, convert):
-    assert_refused(convert, tmp_path, "no folder", path=tmp_path / "in")
+    assert_refused(convert, tmp_path, "folder ", path=tmp_path / "in")
     (tmp_path / "in").mkdir()
     assert_refused(convert, tmp_path, "no ", "file", path=tmp_path / "in")
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eskin.errors import RecordingError
 from eskin.touch import Calibration, CalibrationConfig, ContactConfig, FrontEnd
 from helpers.touch import (
     REST,
@@ -296,6 +297,12 @@ def test_counts_and_pressure_are_inverse_for_every_curve(curve):
     np.testing.assert_allclose(counts, 4095 * shares[curve])
     again = Calibration.from_bytes(calibration.to_bytes())
     np.testing.assert_equal(vars(again), vars(calibration))
+
+
+@pytest.mark.parametrize("data", [b"", b"rows: 1", b"{}", b"[]", b'{"version": 1}'])
+def test_file_that_is_no_calibration_is_told_with_what_measures_one(data):
+    with pytest.raises(RecordingError, match="; measure it with eskin calibrate$"):
+        Calibration.from_bytes(data)
 
 
 @pytest.mark.parametrize(

@@ -211,15 +211,29 @@ def make_work_folder(folder: Path) -> Path:
         ) from error
 
 
+def check_source(source: Path) -> None:
+    """Check that there is something to convert.
+
+    Raises:
+        ImportSourceError: there is neither a file nor a folder.
+    """
+    if not source.exists():
+        raise ImportSourceError(
+            f"no file or folder {source}; give a file, or the folder of the files"
+        )
+
+
 def find_files(source: Path, pattern: str, suffixes: tuple[str, ...]) -> list[Path]:
     """Find the files below a folder that match a pattern and a suffix, sorted.
 
-    A single file is returned as it is; a missing folder raises an ImportSourceError.
+    A single file is returned as it is.
+
+    Raises:
+        ImportSourceError: there is neither a file nor a folder.
     """
+    check_source(source)
     if source.is_file():
         return [source]
-    if not source.is_dir():
-        raise ImportSourceError(f"no folder {source}; give the folder of the files")
     found = (p for p in source.rglob(pattern) if p.is_file())
     return sorted(p for p in found if p.name.endswith(suffixes))
 

@@ -315,8 +315,8 @@ class Calibration:
         except PARSE_ERRORS as error:
             raise RecordingError(
                 f"calibration cannot be read ({type(error).__name__}: {error}); "
-                "allowed is JSON with version, gain and full_scale; correct it, or "
-                "record again"
+                "allowed is JSON with version, gain and full_scale; measure it with "
+                "eskin calibrate"
             ) from error
         if version not in VERSIONS:
             raise RecordingError(

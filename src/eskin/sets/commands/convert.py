@@ -10,7 +10,7 @@ import tyro
 from eskin.app import SourceConfig, load_calibration
 from eskin.cli.checks import Needs, Range
 from eskin.errors import RecordingError
-from eskin.sets.conversion import ConversionResult, SetName
+from eskin.sets.conversion import ConversionResult, SetName, check_source
 from eskin.sets.shearsense import convert_shearsense
 from eskin.sets.skin_table import ReadingLayout, convert_readings
 from eskin.sets.sleeve import convert_sleeve
@@ -103,6 +103,7 @@ ASSUMED: dict[str, tuple[str, ...]] = {
 def run(command: ConvertCommand) -> dict[str, object]:
     """Convert, and return the numbers of recordings, taxels, readings and labels."""
     name = command.dataset
+    check_source(command.src)
     check_given(command)
     options = get_geometry_options(command)
     convert: dict[str, Callable[..., ConversionResult]] = {
