@@ -19,7 +19,7 @@ import pytest
 import eskin.__main__
 import eskin.cli.main as main_module
 from eskin.cli.main import BAD_INPUT, COMMANDS, STOPPED, load_command, main, run
-from eskin.cli.options import list_options
+from eskin.cli.options import find_field_text, list_options
 from eskin.cli.parse_errors import REWRITTEN, flatten, rewrite_parse_error
 from eskin.errors import PlatformError
 from eskin.registry import advise_install
@@ -237,6 +237,10 @@ def test_missing_path_is_refused(name, refuse):
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
+        (
+            "skin convert ur5 y --to sking",
+            ("--to is 'sking'; allowed are gentact, icub, skin, urdf; see",),
+        ),
         ("dance", ("'dance'", "run, demo, record")),
         ("skin", ("'skin'", "skin show, skin check")),
         ("skin dye", ("'skin dye'",)),
@@ -366,7 +370,20 @@ def test_json_is_last_line_where_asked(capsys):
     ],
 )
 def test_error_of_parser_is_reduced_to_its_words(text, expected):
-    assert rewrite_parse_error(text, "train") == f"eskin train: {expected}"
+    assert rewrite_parse_error(text, "eskin train") == f"eskin train: {expected}"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_only_words_without_other_capitals_begin_small_in_a_message(name):
+    command = load_command(name)[1]
+    for field in fields(command):
+        text = find_field_text(command, field.name) or "Name"
+        missing = f"Missing from eskin: --it PATH {text} (required)"
+        told = rewrite_parse_error(missing, f"eskin {name}")
+        first = told.removeprefix("--it is missing: ").split()[0].rstrip(".,;:")
+        own = text.split()[0].rstrip(".,;:")
+        has_others = any(letter.isupper() for letter in own[1:])
+        assert first == (own if has_others else own.lower())
 
 
 TOLD_BY_TYRO = (

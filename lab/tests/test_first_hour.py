@@ -41,7 +41,7 @@ def test_steps_are_numbered_and_all_blocks_of_commands_are_in_one():
 @pytest.mark.parametrize("words", find_commands(), ids=" ".join)
 def test_commands_of_the_page_are_those_of_eskin(words):
     name, rest = split_command(words)
-    parse(load_command(name)[1], name, rest)
+    parse(load_command(name)[1], f"eskin {name}", rest)
 
 
 @pytest.mark.slow

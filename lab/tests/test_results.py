@@ -192,3 +192,12 @@ def test_commit_is_marked_where_files_differ_from_it(tmp_path):
 def test_unknown_part_is_refused_in_one_line(tmp_path, part, capsys):
     assert run(tmp_path, "long") == 2
     assert "part 'long'; allowed are short" in capsys.readouterr().err
+
+
+def test_program_is_called_by_the_words_that_start_it(capsys):
+    with pytest.raises(SystemExit):
+        run_program(results.run_results, ["--help"])
+    words = " ".join(capsys.readouterr().out.split())
+    assert words.startswith("usage: python -m lab.results ")
+    assert run_program(results.run_results, ["list", "--colour"]) == 2
+    assert "see python -m lab.results --help" in capsys.readouterr().err

@@ -140,7 +140,7 @@ COMMANDS = {
     ),
     "skin show": Entry(
         "design.commands.show:run",
-        "describe and draw a skin, or what it feels",
+        "describe and draw a skin",
         "train",
     ),
     "skin check": Entry("design.commands.check:run", "check a skin's files"),

@@ -140,7 +140,7 @@ def run_command(name: str, rest: list[str]) -> None:
     if name in CHECKED_FIRST:
         check_files(rest)
     function, command_type = load_command(name)
-    command, output = parse(command_type, name, rest)
+    command, output = parse(command_type, f"eskin {name}", rest)
     result = function(command)
     if output.json:
         print(json.dumps(result))
@@ -185,7 +185,16 @@ def split_command(argv: list[str]) -> tuple[str, list[str]]:
 
 
 def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Output]:
-    """Parse and check the arguments of a command; reduce tyro's error to one line."""
+    """Parse and check the arguments of a command; reduce tyro's error to one line.
+
+    Args:
+        command_type: dataclass of the options.
+        name: name of the program with its command, such as `eskin run`.
+        argv: arguments.
+
+    Raises:
+        ValueError: they are none of the command.
+    """
     both = tuple[
         Annotated[command_type, tyro.conf.arg(name="")],
         Annotated[Output, tyro.conf.arg(name="")],
@@ -195,7 +204,7 @@ def parse(command_type: type, name: str, argv: list[str]) -> tuple[object, Outpu
         with contextlib.redirect_stderr(tyro_error), insert_description(command_type):
             command, output = tyro.cli(
                 both,
-                prog=f"eskin {name}",
+                prog=name,
                 description="",
                 args=argv,
                 config=(tyro.conf.FlagCreatePairsOff,),

@@ -30,18 +30,18 @@ def rewrite_parse_error(message: str, name: str, options: Sequence[str] = ()) ->
 
     Args:
         message: what tyro printed.
-        name: name of the command, without `eskin`.
+        name: name of the program with its command, such as `eskin run`.
         options: options of the command.
     """
     text = re.sub(rf"^(?:{TITLES}) ", "", flatten(message))
     unknown = re.search(r"Unrecognized options: ([^\s,]+)", text)
     if unknown is not None:
-        return f"{describe_unknown(unknown[1], options)}; see eskin {name} --help"
+        return f"{describe_unknown(unknown[1], options)}; see {name} --help"
     for pattern, describe in REWRITTEN:
         found = re.search(pattern, text)
         if found is not None:
-            return f"{describe(found)}; see eskin {name} --help"
-    return f"eskin {name}: {text}"
+            return f"{describe(found)}; see {name} --help"
+    return f"{name}: {text}"
 
 
 def flatten(message: str) -> str:
@@ -69,12 +69,20 @@ def describe_missing(found: re.Match[str]) -> str:
     name, _, text = first.partition(" ")
     text = re.sub(r"^(?:PATH|STR|INT|FLOAT)(?: \.\.\.)? ", "", text)
     purpose = re.split(r"\.(?: |$)", text)[0]
-    return f"{name} is missing: {purpose[:1].lower()}{purpose[1:]}"
+    word = purpose.partition(" ")[0]
+    if word[1:].islower() or len(word) == 1:
+        # Words such as CSV and GenTact keep their capitals.
+        purpose = word.lower() + purpose[len(word) :]
+    return f"{name} is missing: {purpose}"
 
 
 def describe_choice(found: re.Match[str]) -> str:
     """Describe a word that is none of some."""
-    allowed = ", ".join(re.findall(r"'([^']*)'", found["allowed"]))
+    names = re.findall(r"'([^']*)'", found["allowed"])
+    if "None" in names:
+        # tyro shuffles them, and adds None, where an option may be left out.
+        names = sorted(set(names) - {"None"})
+    allowed = ", ".join(names)
     return f"{found['option']} is '{found['got']}'; allowed are {allowed}"
 
 

@@ -117,7 +117,9 @@ def read_array(
         )
     size = np.array(read_numbers(array, "size", place, 2))
     if size.min() <= 0:
-        raise RobotError(f"{place}: <array> size is {size.tolist()}; allowed above 0")
+        raise RobotError(
+            f"{place}: <array> size is {size.tolist()}; allowed are numbers above 0"
+        )
     spacing = np.array(read_numbers(array, "spacing", place, 2, size.tolist()))
     offset = np.array(read_numbers(array, "offset", place, 2, (0.0, 0.0)))
     if sides[0] * sides[1] > MAX_TAXELS:
