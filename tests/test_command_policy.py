@@ -111,7 +111,7 @@ def test_function_that_blocks_holds_arm_until_it_returns(blocked):
     over.set()
     scene.policy.call.thread.join()
     scene.wait(1.0)
-    assert "no longer function" in scene.last_reason
+    assert "the cause is over (function" in scene.last_reason
     assert scene.ask()[-1].action == "resume" and not scene.arm.paused
 
 

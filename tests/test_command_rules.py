@@ -280,7 +280,7 @@ answer: that stays
 answer: of which something presses on
     {asks} 0.5; poke b; 0.3; lift b; 0.3; press b; 0.2 >; 0.8 > !resume [lasted]
 answer: too strong
-    {asks} 0.5; poke b 41N; 0.02 > !resume [the answer was a touch of 41 N]
+    {asks} 0.5; poke b 41N; 0.02 > !resume [the answer was too strong (touch of 41 N)]
 answer: two hands
     {asks} 0.5; poke b; 0.1; poke c; 0.02 > !resume [more than one touch]
 answer: another touch just after it
@@ -393,7 +393,7 @@ suspended: light touch that lasts slows
     none a 1.1N; 6 > pause [5.0 s]; 4.1 > !none [patch 'forearm_back' has been touched
     for more than 10 s]; arm resume; 3 > slow [a light touch on patch 'forearm_back'
     lasts for more than 10 s]; ? at work; ? speed_limit=0.3; lift a; close a; 1.8 >;
-    0.2 > normal [no longer a light touch]; ? speed_limit=1
+    0.2 > normal [the cause is over (a light touch]; ? speed_limit=1
 suspended: but no touch starts the arm under it
     none a 1.1N; 11 > pause, !none; grab b. > !resume [touched]; lift a; close a; 1;
     ask grab > resume
@@ -438,7 +438,7 @@ skin: it can stop and nothing else
     out; touch elsewhere]; poke b; 0.02; say b > pause
 skin: speed comes back
     skin far; arm speed=0.5; patch silent; 0.2 > slow; patch well; 1.9 >; ?
-    speed_limit=0.3; 0.3 > normal [no longer broken skin]; ? speed_limit=1; ?
+    speed_limit=0.3; 0.3 > normal [the cause is over (broken skin]; ? speed_limit=1; ?
     speed=0.5
 skin: few lost readings
     0.2; patch silent; 0.08; patch well; 0.02; patch silent; 0.08; patch well; 0.02 >;
@@ -446,10 +446,10 @@ skin: few lost readings
 skin: end of a fault offers
     patch silent; 1 > slow, hold; double_pat a; 0.3; say a > !close_gripper [is out;
     see to
-    its cable]; close a; patch well; 0.02 > !resume [no longer broken skin: patch
-    'forearm_back' is out; to go on: poke, 1 s later grab, then poke when the arm
-    asks]; double_pat b. > !close_gripper [the arm is held: no longer]; poke c. >
-    pause; 1; ask grab > resume, normal; ? at work
+    its cable]; close a; patch well; 0.02 > !resume [the cause is over (broken skin:
+    patch 'forearm_back' is out); to go on: poke, 1 s later grab, then poke when the arm
+    asks]; double_pat b. > !close_gripper [is still held, though the cause is over
+    (broken skin]; poke c. > pause; 1; ask grab > resume, normal; ? at work
 skin: end of a fault starts nothing
     {paused} patch silent; 5 > hold; patch well; 5 > !resume [to go on: grab]; ?
     held

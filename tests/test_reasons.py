@@ -55,6 +55,14 @@ def test_cause_is_a_sentence_with_a_remedy(cause):
 
 
 @pytest.mark.parametrize("cause", CAUSES)
+def test_problem_stands_apart_from_the_sentence_that_quotes_it(cause):
+    """A problem is a clause or a noun, so no sentence goes on with it."""
+    before, quoted, after = cause.what.partition("{problem}")
+    if quoted:
+        assert (before[-1:], after) == ("(", ")") or before.endswith(": ") and not after
+
+
+@pytest.mark.parametrize("cause", CAUSES)
 def test_reason_without_one_of_its_values_is_no_reason(cause):
     values = list_values(cause)
     for name in values:

@@ -20,7 +20,7 @@ class Trigger(Cause):
     )
     MAY_HAVE_BEEN_STOP = "not understood: the touch may have been a stop"
     LONG_TOUCH = "touch for {seconds:.1f} s"
-    PROBLEM_OVER = "no longer {problem}"
+    PROBLEM_OVER = "the cause is over ({problem})"
 
 
 @unique
@@ -107,8 +107,11 @@ class Refusal(Cause):
         "wait, then do it again",
     )
     HELD = ("the arm is held: {problem}", "{way}")
-    STILL_HELD = ("the arm is held: no longer {problem}", "{way}")
-    PROBLEM_OVER = ("no longer {problem}", "{way}")
+    STILL_HELD = (
+        "the arm is still held, though the cause is over ({problem})",
+        "{way}",
+    )
+    PROBLEM_OVER = ("the cause is over ({problem})", "{way}")
     NOT_PAUSED = ("nobody has paused it", "{way}")
     NO_DIRECTION = ("the touch did not travel", "stroke farther")
     ARM_CHANGED = (
@@ -159,7 +162,7 @@ class Refusal(Cause):
         "let go, and ask again {again:g} s later",
     )
     STRONG_ANSWER = (
-        "the answer was a {problem}",
+        "the answer was too strong ({problem})",
         "let go, and ask again {again:g} s later",
     )
     LONG_ANSWER = (
