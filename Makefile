@@ -47,9 +47,9 @@ bench: $(READY)
 	$(BIN)/python -m lab.start
 
 # The tables of docs/results.md, part by part: what is missing at this commit.
-# PARTS="people streams" runs these alone, and a run ends after MINUTES; the next goes on. What was answered is kept in SETS/kept. FORM=short shows in
-# two minutes that methods are trained and compared. `python -m lab.results list` shows what
-# is done.
+# PARTS="people streams" runs these alone, and a run ends after MINUTES; the next goes on.
+# What was answered is kept in SETS/kept. `python -m lab.results list` shows what is done.
+# FORM=short shows in two minutes that methods are trained and compared.
 FORM ?= long
 SETS ?= sets
 PARTS ?=
@@ -59,7 +59,8 @@ ifeq ($(FORM),short)
 	$(BIN)/python -m lab.comparison all --form short --sets "$(SETS)"
 	$(BIN)/python -m lab.paper all --form short --sets "$(SETS)"
 else
-	$(BIN)/python -m lab.results run $(PARTS) --sets "$(SETS)" --data "$(DATA)" --minutes $(MINUTES)
+	$(BIN)/python -m lab.results run $(PARTS) --sets "$(SETS)" --data "$(DATA)" \
+		--minutes $(MINUTES)
 endif
 
 # What the simulated world is held to, and the weights on touches that it did not make.
@@ -68,9 +69,14 @@ validate: $(READY)
 	$(BIN)/python -m lab.transfer --data "$(SOCIALTOUCH)"
 	$(BIN)/python -m lab.transfer --data "$(SOCIALTOUCH)" --floor 0.125
 
-# Readers against mutated inputs, the short form.
+# Readers against mutated inputs: the part `fuzz` of the results, each time it is called.
 fuzz: $(READY)
-	$(BIN)/python -m lab.results run fuzz --sets "$(SETS)"
+	$(BIN)/python -m lab.fuzz decoder --inputs 300000
+	$(BIN)/python -m lab.fuzz skin --inputs 4000
+	$(BIN)/python -m lab.fuzz recording --inputs 5000
+	$(BIN)/python -m lab.fuzz commands --inputs 4000
+	$(BIN)/python -m lab.fuzz model --inputs 2000
+	$(BIN)/python -m lab.fuzz urdf --inputs 2000
 
 # Faults, forgeries, delays and hostile files: an hour on two cores.
 attack: $(READY)

@@ -11,8 +11,9 @@ of another commit, of the parts that are named, or of all. A run that is cut los
 the command that was running, and of the commands that keep answers of their own not
 even that (`Part.keeps`): with `--minutes` a run ends in time, and the next goes on.
 
-The commit is the last that changed `src` or the programs of `lab`. Its name ends in `+`
-where files differ from it; output of such files is never taken for that of a commit.
+The commit is the last that changed what a figure depends on (`MEASURED`). Where files
+differ from it nothing is run, so that no output is taken for that of a commit whose
+code did not print it.
 """
 
 import math
@@ -38,11 +39,19 @@ from lab.program import run_program
 from lab.tables import format_head, format_row
 
 ROOT = Path(__file__).parents[1]
-MEASURED = ("src", "lab", ":!lab/tests", ":!lab/notes", ":!*.md")
+MEASURED = (
+    "src",
+    "lab",
+    "plugins/paper_network",
+    "constraints.txt",
+    ":!lab/tests",
+    ":!lab/notes",
+    ":!*.md",
+)
 """What a figure depends on, as paths of git."""
 ANSWER = re.compile(
     r"^\$ (?P<command>.+)\n"
-    r"# commit (?P<commit>\w+\+?), (?P<date>.+), (?P<seconds>\d+) s$",
+    r"# commit (?P<commit>[^,\n]+), (?P<date>.+), (?P<seconds>\d+) s$",
     re.MULTILINE,
 )
 """Head of the output of a command in a kept file."""
@@ -412,7 +421,7 @@ class KeptOutput:
     command: str
     """Command as the page has it."""
     commit: str
-    """Commit of the code; ends in `+` where files differed from it."""
+    """Commit of the code."""
     date: str
     """Day and time at which it ended."""
     seconds: int
@@ -445,26 +454,40 @@ class ResultsCommand:
 
 
 def find_commit(root: Path) -> str:
-    """Find the last commit that changed the measured code, with `+` for open changes.
+    """Find the last commit that changed the measured code.
 
     Raises:
         ValueError: this is no clone.
     """
+    return run_git(root, "log", "-1", "--format=%h", "--abbrev=8").strip()
+
+
+def find_changes(root: Path) -> list[str]:
+    """Find what differs from the last commit in the measured code, new files too.
+
+    Raises:
+        ValueError: this is no clone.
+    """
+    lines = run_git(root, "status", "--porcelain").splitlines()
+    return [line[3:] for line in lines]
+
+
+def run_git(root: Path, *words: str) -> str:
+    """Run a command of git on the measured code, and return what it prints.
+
+    Raises:
+        ValueError: this is no clone.
+    """
+    argv = ["git", *words, "--", *MEASURED]
     try:
-        commit = run_git(root, "log", "-1", "--format=%h", "--abbrev=8")
-        changed = run_git(root, "status", "--porcelain")
+        done = subprocess.run(
+            argv, cwd=root, capture_output=True, text=True, check=True
+        )
     except (OSError, subprocess.CalledProcessError) as error:
         raise ValueError(
             f"{root}: got no commits; allowed is a clone of eskin with git; clone it"
         ) from error
-    return commit + "+" * bool(changed)
-
-
-def run_git(root: Path, *words: str) -> str:
-    """Run a command of git on the measured code, and return what it prints."""
-    argv = ["git", *words, "--", *MEASURED]
-    done = subprocess.run(argv, cwd=root, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
+    return done.stdout
 
 
 def find_file(sets: Path, part: Part) -> Path:
@@ -500,16 +523,11 @@ def write_outputs(sets: Path, part: Part, outputs: dict[str, KeptOutput]) -> Non
 
 
 def find_missing(part: Part, outputs: dict[str, KeptOutput], commit: str) -> list[str]:
-    """Find the commands whose output is missing, or is not of a commit.
-
-    Output of files that differ from their commit counts for none.
-    """
+    """Find the commands whose output is missing, or is not of a commit."""
     return [
         command
         for command in part.commands
-        if command not in outputs
-        or commit.endswith("+")
-        or outputs[command].commit != commit
+        if command not in outputs or outputs[command].commit != commit
     ]
 
 
@@ -655,15 +673,23 @@ def run_results(command: ResultsCommand) -> dict[str, object]:
     """List parts, or run what is missing of them; return those that are done.
 
     Raises:
-        ValueError: a part is not known, or this is no clone.
+        ValueError: a part is not known, this is no clone, or the code that would run
+            is not that of its commit.
         PartError: a command has failed; the parts after it were run.
     """
     parts = choose_parts(command.parts)
     commit = find_commit(ROOT)
+    changes = find_changes(ROOT)
     failed = []
     if command.what == "list":
         print("\n".join(list_parts(parts, command.sets, commit)))
-        print(f"\nthe code is of commit {commit}")
+        differs = f", and differs in {', '.join(changes)}" if changes else ""
+        print(f"\nthe code is of commit {commit}{differs}")
+    elif changes:
+        raise ValueError(
+            f"{ROOT}: {len(changes)} changed or new, such as {changes[0]}; allowed is "
+            f"the code of a commit, here of {commit}; commit or remove what differs"
+        )
     else:
         end = time.monotonic() + 60.0 * command.minutes
         for part in parts:

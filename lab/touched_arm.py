@@ -88,14 +88,6 @@ class ArmNotes(Listener):
         """Return what a simulated touch was detected as, oldest first."""
         return [one for one in self.detections if self.causes.find(one.touch) == number]
 
-    def list_decisions(self, number: int) -> list[CommandEvent]:
-        """Return what was decided because of a simulated touch, oldest first."""
-        return [
-            one
-            for one in self.decisions
-            if one.touch is not None and self.causes.find(one.touch) == number
-        ]
-
     def close(self) -> None:
         """Do nothing."""
 

@@ -95,6 +95,7 @@ def part(monkeypatch):
     monkeypatch.setattr(results, "PAGE", (part,))
     monkeypatch.setattr(results, "PARTS", {"short": part})
     monkeypatch.setattr(results, "find_commit", lambda root: "11111111")
+    monkeypatch.setattr(results, "find_changes", lambda root: [])
     return part
 
 
@@ -132,11 +133,11 @@ def test_run_goes_on_where_it_was_cut(tmp_path, part, monkeypatch):
     assert tuple(outputs) == part.commands
 
 
-@pytest.mark.parametrize("commit", ["22222222", "11111111+"])
 def test_output_of_another_commit_is_measured_again(
-    tmp_path, part, monkeypatch, capsys, commit
+    tmp_path, part, monkeypatch, capsys
 ):
     assert run(tmp_path) == 0
+    commit = "22222222"
     monkeypatch.setattr(results, "find_commit", lambda root: commit)
     argv = ["list", "--sets", str(tmp_path / "my sets")]
     assert run_program(results.run_results, argv) == 0
@@ -168,25 +169,83 @@ def test_command_is_ended_when_the_time_is_over(tmp_path, part, monkeypatch, cap
     assert not results.read_outputs(tmp_path / "my sets", endless)
 
 
-def test_commit_is_marked_where_files_differ_from_it(tmp_path):
+MEASURED = (
+    "src/a.py",
+    "lab/paper/a.py",
+    "plugins/paper_network/eskin_paper_network/a.py",
+    "constraints.txt",
+)
+"""Files that a figure depends on."""
+UNMEASURED = ("docs/a.py", "README.md", "lab/README.md", "lab/notes/a.md", "tests/a.py")
+"""Files that no figure depends on."""
+
+
+@pytest.fixture
+def clone(tmp_path):
+    """A folder with a commit of some files, and what runs git in it."""
+
     def git(*words):
         argv = ["git", "-c", "user.name=a", "-c", "user.email=a@b", *words]
         subprocess.run(argv, cwd=tmp_path, check=True, capture_output=True)
 
     git("init")
-    for place in ("src", "lab", "docs"):
-        (tmp_path / place).mkdir()
-        (tmp_path / place / "a.py").write_text("1\n")
+    for place in (*MEASURED, *UNMEASURED):
+        path = tmp_path / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("1\n")
     git("add", ".")
     git("commit", "-m", "first")
-    first = results.find_commit(tmp_path)
+    return tmp_path, git
+
+
+@pytest.mark.parametrize("place", [*MEASURED, *UNMEASURED])
+def test_commit_is_the_last_that_changed_what_a_figure_depends_on(clone, place):
+    root, git = clone
+    first = results.find_commit(root)
     assert re.fullmatch("[0-9a-f]{8}", first)
-    (tmp_path / "docs" / "a.py").write_text("2\n")
-    assert results.find_commit(tmp_path) == first
+    assert results.find_changes(root) == []
+    (root / place).write_text("2\n")
+    assert results.find_changes(root) == ([place] if place in MEASURED else [])
     git("commit", "-am", "second")
-    assert results.find_commit(tmp_path) == first, "docs change no figure"
-    (tmp_path / "src" / "a.py").write_text("2\n")
-    assert results.find_commit(tmp_path) == first + "+"
+    assert (results.find_commit(root) != first) == (place in MEASURED)
+    assert results.find_changes(root) == []
+
+
+def test_new_file_is_a_change_too(clone):
+    root, _ = clone
+    (root / "lab" / "new.py").write_text("1\n")
+    assert results.find_changes(root) == ["lab/new.py"]
+
+
+def test_nothing_is_run_nor_lost_where_the_code_differs_from_its_commit(
+    tmp_path, part, monkeypatch, capsys
+):
+    assert run(tmp_path) == 0
+    paths = [path for path in (tmp_path / "my sets").rglob("*") if path.is_file()]
+    before = {path: path.read_bytes() for path in paths}
+    assert before
+    monkeypatch.setattr(results, "find_changes", lambda root: ["lab/new.py"])
+    capsys.readouterr()
+    assert run(tmp_path) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "such as lab/new.py; allowed is the code of a commit" in line
+    assert "commit or remove" in line
+    assert before == {path: path.read_bytes() for path in paths}
+    argv = ["list", "--sets", str(tmp_path / "my sets")]
+    assert run_program(results.run_results, argv) == 0
+    out = capsys.readouterr().out
+    assert "| short | Heading | 3 of 3 | 11111111 |" in out
+    assert "commit 11111111, and differs in lab/new.py" in out
+
+
+def test_make_fuzz_runs_the_commands_of_its_part():
+    """It runs them each time, and without git, so it names them itself."""
+    recipe = (
+        (ROOT / "Makefile").read_text().partition("\nfuzz:")[2].partition("\n\n")[0]
+    )
+    commands = [line.strip() for line in recipe.splitlines()[1:]]
+    of_part = results.PARTS["fuzz"].commands
+    assert commands == [f"$(BIN)/{command}" for command in of_part]
 
 
 def test_unknown_part_is_refused_in_one_line(tmp_path, part, capsys):
