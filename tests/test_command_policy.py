@@ -13,6 +13,8 @@ from eskin.command import (
     Policy,
     PolicyConfig,
     Problem,
+    QuestionConfig,
+    Refusal,
     Rule,
     SkinMonitorConfig,
     command_function,
@@ -29,6 +31,7 @@ from helpers.commands import (
     INFO,
     PAPER,
     PATCH,
+    PERIOD,
     SECOND,
     SKIN,
     VOCABULARY,
@@ -372,6 +375,40 @@ def test_hand_that_asked_and_presses_again_withdraws_the_question():
     scene.held = (status,)
     scene.wait(0.1)
     assert not scene.arm.shows_question
+
+
+LEAST = round(QuestionConfig.least_delay * SECOND)
+"""Shortest time from the question to its answer [ns]."""
+WINDOW = round(QuestionConfig.window * SECOND)
+"""Longest such time [ns]."""
+
+
+@pytest.mark.parametrize(
+    ("delay", "cause"),
+    [
+        (0, Refusal.TOUCHED_BEFORE_QUESTION),
+        (LEAST - 1, Refusal.TOUCHED_BEFORE_QUESTION),
+        (LEAST, None),
+        (WINDOW, None),
+        (WINDOW + 1, Refusal.LATE_ANSWER),
+    ],
+)
+def test_answer_begins_in_its_window(delay, cause):
+    """`delay` is the time from the question to the first contact [ns]."""
+    scene = make_paused_scene()
+    scene.touch("grab")
+    question = scene.policy.question
+    onset = question.asked_at + delay
+    scene.wait((onset - scene.clock.now()) // PERIOD * PERIOD / SECOND)
+    number = scene.begin("poke")
+    scene.touches[number].onset = onset
+    scene.wait(0.3)
+    scene.lift(number)
+    scene.wait(0.4)
+    scene.close(number)
+    scene.wait(0.4)
+    assert ("resume" in scene.arm.orders) == (cause is None)
+    assert cause is None or scene.events[-1].reason.cause is cause
 
 
 @pytest.mark.parametrize(("rival", "answers"), [("none", True), ("stroke", False)])

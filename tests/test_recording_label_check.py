@@ -179,6 +179,10 @@ WRONG = {
     "overlap": ([*mark(), label(2.5, 3.0, "tap")], OVERLAP),
     "before": (mark(-60), r"a\.mcap: 6 of 6 labels lie outside .* before its start"),
     "after": (mark(5000), r"a\.mcap: 6 of 6 labels lie outside .* after its end"),
+    "most after": (
+        [*mark(plan=PLAN[:3]), *(label(90 + n, 91 + n, "tap") for n in range(4))],
+        r"a\.mcap: 4 of 7 labels lie outside .* after its end",
+    ),
 }
 FEW_OUTSIDE = {
     "before": ([label(-90, -89, "tap"), *mark()], "from -90.00 to -89.00 s .* before"),
@@ -220,6 +224,13 @@ def test_few_labels_outside_are_left_out_where_they_are_read(make, enter, kind, 
     enter(make(labels))
     text = rf"1 of 7 labels lie outside .* 'tap' {place}.*; they are left out"
     assert re.search(text, caplog.text)
+
+
+@pytest.mark.parametrize("enter", READERS)
+def test_half_of_the_labels_are_not_most_of_them(make, enter, caplog):
+    outside = [label(90 + n, 91 + n, "tap") for n in range(3)]
+    enter(make([*mark(plan=PLAN[:3]), *outside]))
+    assert re.search("3 of 6 labels lie outside .*; they are left out", caplog.text)
 
 
 def test_true_labels_outside_are_not_written_with_the_ranges_of_others(make):

@@ -224,7 +224,7 @@ ROWS = [
         "unknown pads",
         ValueError,
         lambda folder: draw_people(1)[0].select_pads("tail"),
-        "'tail'",
+        "no parts 'tail' of a hand; choose from ['one_tip'",
     ),
     recorded("missing participant", [7], "participant 7; allowed are 0"),
     recorded("no participants", [], "any"),

@@ -175,7 +175,16 @@ ROWS = [
         "'table'",
         ": forearm_link, upper",
     ),
-    refusal("grid without rows", ValueError, lambda _: build_grid_skin(0, 4), "0 x 4"),
+    *(
+        refusal(
+            f"grid of {size}",
+            ValueError,
+            lambda _, size=size: build_grid_skin(*size),
+            f"{size[0]} x {size[1]} taxels with pitch {size[2]} m",
+            "at least 1 x 1 and a pitch above 0",
+        )
+        for size in ((0, 4, 0.01), (4, 0, 0.01), (4, 4, 0.0), (4, 4, float("nan")))
+    ),
     refusal(
         "unknown patch",
         ValueError,
