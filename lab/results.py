@@ -472,6 +472,26 @@ def find_changes(root: Path) -> list[str]:
     return [line[3:] for line in lines]
 
 
+def check_code(root: Path, commit: str) -> None:
+    """Check that the measured code is that of a commit.
+
+    Raises:
+        ValueError: files differ from it, another is checked out, or this is no clone.
+    """
+    changes = find_changes(root)
+    found = find_commit(root)
+    if changes:
+        got = f"{len(changes)} changed or new, such as {changes[0]}"
+    elif found != commit:
+        got = f"commit {found}"
+    else:
+        return
+    raise ValueError(
+        f"{root}: {got}; allowed is the code of commit {commit} until the run is over; "
+        "commit or remove what differs, and run it again"
+    )
+
+
 def run_git(root: Path, *words: str) -> str:
     """Run a command of git on the measured code, and return what it prints.
 
@@ -610,6 +630,7 @@ def run_part(part: Part, command: ResultsCommand, commit: str, end: float) -> No
     Raises:
         TimeoutError: the time is over.
         PartError: a command fails.
+        ValueError: the code has changed while a command ran, whose output is not kept.
     """
     sets = command.sets.absolute()
     outputs = read_outputs(sets, part)
@@ -625,6 +646,7 @@ def run_part(part: Part, command: ResultsCommand, commit: str, end: float) -> No
         argv = build_argv(words, part, sets, command.data.absolute())
         begun = time.monotonic()
         printed = run_command(argv, end - begun)
+        check_code(ROOT, commit)
         date = datetime.now().strftime("%Y-%m-%d %H:%M")
         seconds = round(time.monotonic() - begun)
         outputs[words] = KeptOutput(words, commit, date, seconds, printed)
@@ -673,24 +695,20 @@ def run_results(command: ResultsCommand) -> dict[str, object]:
     """List parts, or run what is missing of them; return those that are done.
 
     Raises:
-        ValueError: a part is not known, this is no clone, or the code that would run
-            is not that of its commit.
+        ValueError: a part is not known, this is no clone, or the code is not that of
+            its commit, before or after a command.
         PartError: a command has failed; the parts after it were run.
     """
     parts = choose_parts(command.parts)
     commit = find_commit(ROOT)
-    changes = find_changes(ROOT)
     failed = []
     if command.what == "list":
+        changes = find_changes(ROOT)
         print("\n".join(list_parts(parts, command.sets, commit)))
         differs = f", and differs in {', '.join(changes)}" if changes else ""
         print(f"\nthe code is of commit {commit}{differs}")
-    elif changes:
-        raise ValueError(
-            f"{ROOT}: {len(changes)} changed or new, such as {changes[0]}; allowed is "
-            f"the code of a commit, here of {commit}; commit or remove what differs"
-        )
     else:
+        check_code(ROOT, commit)
         end = time.monotonic() + 60.0 * command.minutes
         for part in parts:
             try:

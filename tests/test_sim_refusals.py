@@ -140,12 +140,12 @@ def draw_rust(folder):
 
 
 ROWS = [
-    constant("value", "poke.colour", "'poke.colour'"),
-    constant("value", "poke.force", "'poke.force'"),
-    constant("array", "time.step", "'time.step'"),
-    constant("draw", "time.step", "'time.step'"),
-    constant("choose", "time.step", "'time.step'"),
-    constant("scaled", {"poke.colour": 2.0}, "'poke.colour'"),
+    constant("value", "poke.colour", "no constant 'poke.colour'"),
+    constant("value", "poke.force", "'poke.force' is not one number"),
+    constant("array", "time.step", "'time.step' is not a list of numbers"),
+    constant("draw", "time.step", "'time.step' is not drawn"),
+    constant("choose", "time.step", "'time.step' has no weights"),
+    constant("scaled", {"poke.colour": 2.0}, "no constant 'poke.colour'"),
     refusal(
         "level of a constant",
         ValueError,
@@ -170,7 +170,12 @@ ROWS = [
     settings(
         "families requested of set 'pairs'", set_name="pairs", families=("linear",)
     ),
-    settings("'pairs'", "'base'", set_name="pairs", skin="base", clips=2),
+    settings(
+        "'base', whose robot has no known joints",
+        set_name="pairs",
+        skin="base",
+        clips=2,
+    ),
     settings("0 clips ", " 2, 4", set_name="pairs", clips=0),
     settings("3 clips ", " 2, 4", set_name="pairs", clips=3),
     settings("without recorded touches", set_name="recorded"),
@@ -180,20 +185,20 @@ ROWS = [
     index("index that is cut", "{", "line 1"),
     index("index of lists", "[]", "line 1"),
     index("index without clips", '{"file": "a"}', "line 1"),
-    performance("wave", None, 0.0, "'wave'"),
+    performance("wave", None, 0.0, "no gesture 'wave'; choose from poke, "),
     performance("poke", "elbow", 0.0, "'elbow' of poke"),
     performance("rub", "elbow", 0.0, "'elbow' of rub"),
     performance("poke", None, -1.0, "difficulty is -1.0"),
     live(
         "poke beside the skin",
         lambda skin, _: skin.hand.poke(LinkPoint("tool0", np.zeros(3))),
-        "'tool0'",
+        "no skin on link 'tool0'; allowed are forearm_link, ",
     ),
     live("force below 0", lambda skin, at: skin.hand.poke(at, -1.0), "force is -1.0"),
     live(
         "electrical touch",
         lambda skin, _: skin.hand.perform("electrical"),
-        "'electrical'",
+        "no gesture or contact 'electrical'; allowed are poke, ",
     ),
     live(
         "contact with itself",

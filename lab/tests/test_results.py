@@ -228,7 +228,7 @@ def test_nothing_is_run_nor_lost_where_the_code_differs_from_its_commit(
     capsys.readouterr()
     assert run(tmp_path) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "such as lab/new.py; allowed is the code of a commit" in line
+    assert "such as lab/new.py; allowed is the code of commit 11111111" in line
     assert "commit or remove" in line
     assert before == {path: path.read_bytes() for path in paths}
     argv = ["list", "--sets", str(tmp_path / "my sets")]
@@ -236,6 +236,31 @@ def test_nothing_is_run_nor_lost_where_the_code_differs_from_its_commit(
     out = capsys.readouterr().out
     assert "| short | Heading | 3 of 3 | 11111111 |" in out
     assert "commit 11111111, and differs in lab/new.py" in out
+
+
+@pytest.mark.parametrize(
+    ("found", "changes", "got"),
+    [
+        ("11111111", ["lab/new.py"], "such as lab/new.py;"),
+        ("22222222", [], "22222222;"),
+    ],
+)
+def test_output_of_code_that_changed_while_it_ran_is_not_kept(
+    tmp_path, part, monkeypatch, capsys, found, changes, got
+):
+    whole = results.run_command
+
+    def change(argv, timeout):
+        monkeypatch.setattr(results, "find_commit", lambda root: found)
+        monkeypatch.setattr(results, "find_changes", lambda root: changes)
+        return whole(argv, timeout)
+
+    monkeypatch.setattr(results, "run_command", change)
+    assert run(tmp_path) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert got in line
+    assert read_log(tmp_path, part) == "0", "no command is run after it"
+    assert not results.read_outputs(tmp_path / "my sets", part)
 
 
 def test_make_fuzz_runs_the_commands_of_its_part():
