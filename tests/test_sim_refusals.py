@@ -238,7 +238,7 @@ ROWS = [
         "no folder of people",
         ImportSourceError,
         lambda folder: find_recorded_people(folder / "gone"),
-        "no folder",
+        "no file or folder",
     ),
     refusal(
         "empty folder of people",
