@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import eskin
-from eskin.errors import ModelError, ReadingError, SkinMismatchError
+from eskin.errors import ModelError, ReadingError, RobotError, SkinMismatchError
 from eskin.learn.prepared_recording import prepare_recording
 from eskin.live import DecisionConfig, GraphConfig, Recognizer, load_model
 from eskin.live.first_use import compile_network
@@ -278,7 +278,7 @@ def test_recogniser_is_loaded_from_files_and_names(tmp_path):
     assert Recognizer.load("ur5").mounted.skin.name == "ur5"
     given = Recognizer.load(path, on.skin, "table", calibration_of(on.skin))
     assert recognise(given, scans(on, [], 10, 0.3)) == []
-    with pytest.raises(SkinMismatchError, match="'grid'.*robot"):
+    with pytest.raises(RobotError, match="'grid'.*robot"):
         Recognizer.load(path, on.skin)
     with pytest.raises(SkinMismatchError, match="skin"):
         Recognizer.load(path)
