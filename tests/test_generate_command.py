@@ -51,7 +51,7 @@ def test_command_prints_what_it_made(call_generate, tmp_path):
         (("OUT", "--difficulty", "-1"), "difficulty is -1.0"),
         (("OUT", "--difficulty", "nan"), "difficulty is nan"),
         (("OUT", "--set", "recorded"), "without recorded touches"),
-        (("OUT", "--set", "recorded", "--recorded", "GONE"), "no folder"),
+        (("OUT", "--set", "recorded", "--recorded", "GONE"), "no file or folder"),
         (("OUT", "--set", "recorded", "--recorded", "."), "no recorded touches"),
         (("OUT", "--people", "0"), "--people is given without --recorded"),
         (("FILE", "--clips", "3"), "cannot write to"),
