@@ -217,6 +217,7 @@ def test_every_command_asks_in_one_line_for_a_robot_that_was_changed(
     monkeypatch.chdir(tmp_path)
     folder = write_skin(tmp_path)
     (folder / "robot.urdf").write_text(BOX_ARM.replace("0.3", "0.4"))
+    (tmp_path / "a.npz").touch()
     before = sorted(tmp_path.rglob("*"))
     words = line.replace("SKIN", str(folder)).replace("DEVICE", DEVICE).split()
     assert_refused(capsys, *words, part="give the robot with --robot-urdf")
