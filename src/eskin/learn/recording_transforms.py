@@ -31,11 +31,6 @@ class RecordingTransform(ABC):
         """Return its settings and a digest of its code, for the names of files."""
         return f"{self} {digest_code(type(self).__module__)}"
 
-    @property
-    def moves_taxels(self) -> bool:
-        """Tell whether it changes only the positions of taxels, and no scan."""
-        return False
-
     @abstractmethod
     def transform_scans(self, recording: Recording) -> Iterator[Scan]:
         """Yield the transformed scans of a recording."""
